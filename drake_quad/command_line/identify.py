@@ -294,7 +294,7 @@ def print_estimates(identification: Identification) -> None:
         names_by_reason.setdefault(why, []).append(name)
     for why, names in names_by_reason.items():
         print(f"not identified: {', '.join(names)}: {why}")
-    for sentence in (*identification.remarks, *estimates.remarks):
+    for sentence in identification.remarks:
         remark(sentence)
     weak = len(estimates.names) - len(estimates.identified)
     if 2 * weak > len(estimates.names):

@@ -87,11 +87,15 @@ def jackknife(
     covariance = (num_blocks - 1) / num_blocks * squares + inverse @ np.diag(prior_information) @ inverse
     variances, model_variances = np.diag(covariance), np.diag(inverse)
     # Blocks may agree by chance, so the variance for a correct model is the lower limit.
-    factors = np.sqrt(
-        np.maximum(1.0, np.where(variances > 0.0, model_variances / np.where(variances > 0.0, variances, 1.0), 1.0))
-    )
+    factors = np.sqrt(np.maximum(1.0, ratio(model_variances, variances, 1.0)))
     covariance = np.where(np.eye(len(variances), dtype=bool) & (variances <= 0.0), model_variances, covariance)
     return Uncertainty(covariance * np.outer(factors, factors), np.maximum(degrees_of_freedom, 1.0), inverse)
+
+
+def ratio(numerator: np.ndarray, denominator: np.ndarray, default: float) -> np.ndarray:
+    """Return the ratio of two arrays, with a default where the denominator is not positive."""
+    shape = np.broadcast_shapes(numerator.shape, denominator.shape)
+    return np.divide(numerator, denominator, out=np.full(shape, default), where=denominator > 0.0)
 
 
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
@@ -107,7 +111,7 @@ def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray
     fractions = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
     largest = fractions.max(axis=0)
     # The values c_b are divided by the largest one, so that squares of small numbers do not underflow.
-    relative = np.where(largest > 0.0, fractions / np.where(largest > 0.0, largest, 1.0), 1.0 / len(fractions))
+    relative = ratio(fractions, largest, 1.0 / len(fractions))
     effective_number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
     return np.where(largest > 0.0, effective_number, 1.0)
 

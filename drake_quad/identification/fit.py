@@ -151,17 +151,16 @@ def fit(
         InputError: if the fit diverges.
     """
     mean = np.array([parameter.start for parameter in parameters])
-    values = mean if start is None else start
     prior = np.array([parameter.scale**-2.0 for parameter in parameters])
-    point = _Point.of(predictor, parameters, values, predictor.gains(values, noise), noise)
+    values = mean if start is None else start
+    point = _best_point(predictor, parameters, values, predictor.gains(values, noise))
     untried: list[tuple[float, ...]] = []
     for round_number in range(1, _MAX_NUM_ROUNDS + 1):
         if round_number in _TRIAL_ROUNDS:
             untried = [_TORQUE_REDUCTION, _FORCE_REDUCTION]
-        previous_values, previous_disturbance = point.values, point.noise.disturbance
-        noise = _noise_of(predictor, predictor.gains(previous_values, point.noise), point.noise)
-        gains = predictor.gains(previous_values, noise)
-        point = _Point.of(predictor, parameters, previous_values, gains, noise)
+        previous = point
+        noise = _noise_of(predictor, predictor.gains(point.values, point.noise))
+        point = _best_point(predictor, parameters, point.values, predictor.gains(point.values, noise))
         for factors in list(untried):
             improved = _with_smaller_disturbance(predictor, parameters, point, factors)
             if improved is point:
@@ -169,20 +168,19 @@ def fit(
             point = improved
         if round_number == 1 and np.any(np.abs(point.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
             small = point.noise._replace(disturbance=_RESTART_DISTURBANCE * point.noise.disturbance)
-            restarted = _Point.of(predictor, parameters, mean, predictor.gains(mean, small), small)
+            restarted = _best_point(predictor, parameters, mean, predictor.gains(mean, small))
             if restarted.likelihood > point.likelihood:
                 point = restarted
-        found = point.predictions
-        predictor.continue_windows(found.states, found.state_jacobian, point.values, point.gains)
-        covariance = np.linalg.inv(np.einsum("wkp,wkq->pq", found.jacobian, found.jacobian) + np.diag(prior))
-        converged = np.all(np.abs(point.values - previous_values) < _PARAMETER_TOLERANCE * np.sqrt(np.diag(covariance)))
-        log_change = np.max(np.abs(np.log(point.noise.disturbance / previous_disturbance)))
+        predictor.continue_windows(point.states, point.state_jacobian, point.values, point.gains)
+        covariance = np.linalg.inv(np.einsum("wkp,wkq->pq", point.jacobian, point.jacobian) + np.diag(prior))
+        tolerance = _PARAMETER_TOLERANCE * np.sqrt(np.diag(covariance))
+        converged = np.all(np.abs(point.values - previous.values) < tolerance)
+        log_change = np.max(np.abs(np.log(point.noise.disturbance / previous.noise.disturbance)))
         if round_number > 2 and converged and log_change < _LOG_DISTURBANCE_TOLERANCE:
             break
-    noise = _noise_of(predictor, point.gains, point.noise, np.arange(len(predictor.windows)))
+    noise = _noise_of(predictor, point.gains, np.arange(len(predictor.windows)))
     _check_convergence(point.values, noise)
-    found = point.predictions
-    return PredictionFit(point.values, noise, point.gains, found.jacobian, found.errors, prior)
+    return PredictionFit(point.values, noise, point.gains, point.jacobian, point.errors, prior)
 
 
 def _with_smaller_disturbance(
@@ -197,23 +195,22 @@ def _with_smaller_disturbance(
     def reduced(noise: PredictionNoise) -> PredictionNoise:
         return noise._replace(disturbance=np.maximum(noise.disturbance * factors, _MIN_DISTURBANCE))
 
-    noise, likelihood, gains = point.noise, point.likelihood, point.gains
-    smaller_gains = None
-    while np.any(reduced(noise).disturbance < noise.disturbance):
-        smaller_gains = predictor.gains(point.values, reduced(noise))
-        white = (smaller_gains.whitening @ smaller_gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
-        reduced_likelihood = _likelihood(predictor, smaller_gains, white)
-        if reduced_likelihood <= likelihood:
+    def is_reducible(noise: PredictionNoise) -> bool:
+        return bool(np.any(reduced(noise).disturbance < noise.disturbance))
+
+    best, likelihood, smaller = point.gains, point.likelihood, None
+    while is_reducible(best.noise):
+        smaller = predictor.gains(point.values, reduced(best.noise))
+        white = (smaller.whitening @ smaller.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
+        smaller_likelihood = _likelihood(predictor, smaller, white)
+        if smaller_likelihood <= likelihood:
             break
-        noise, likelihood, gains, smaller_gains = reduced(noise), reduced_likelihood, smaller_gains, None
-    if noise is not point.noise:
-        point, smaller_gains = _Point.of(predictor, parameters, point.values, gains, noise), None
-    if parameters and np.any(reduced(noise).disturbance < noise.disturbance):
-        if smaller_gains is None:
-            smaller_gains = predictor.gains(point.values, reduced(noise))
-        refitted = _Point.of(
-            predictor, parameters, point.values, smaller_gains, reduced(noise), min_likelihood=point.likelihood
-        )
+        best, likelihood = smaller, smaller_likelihood
+    if best is not point.gains:
+        point, smaller = _best_point(predictor, parameters, point.values, best), None
+    if parameters and is_reducible(best.noise):
+        smaller = smaller or predictor.gains(point.values, reduced(best.noise))
+        refitted = _best_point(predictor, parameters, point.values, smaller, min_likelihood=point.likelihood)
         point = refitted if refitted.likelihood > point.likelihood else point
     return point
 
@@ -238,86 +235,89 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
         )
 
 
-class _Predictions(NamedTuple):
+class _Point(NamedTuple):
     """Predictions with one set of parameters, and their derivatives.
 
     Attributes:
+        values: (p,) parameters.
+        gains: gains of the filter.
         errors: (W, k) whitened errors.
         jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
         states: (rows, W) state of each window at the sample where the next window starts.
         state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
-    """
-
-    errors: np.ndarray
-    jacobian: np.ndarray
-    states: np.ndarray
-    state_jacobian: np.ndarray
-
-
-class _Point(NamedTuple):
-    """Best parameters for a given noise, and the predictions with these parameters.
-
-    Attributes:
-        values: (p,) parameters.
-        noise: noise of the measurements and of the disturbance.
-        gains: gains of the filter.
-        predictions: predictions with the parameters.
         likelihood: log-likelihood of the measurements.
     """
 
     values: np.ndarray
-    noise: PredictionNoise
     gains: Gains
-    predictions: _Predictions
+    errors: np.ndarray
+    jacobian: np.ndarray
+    states: np.ndarray
+    state_jacobian: np.ndarray
     likelihood: float
 
-    @classmethod
-    def of(
-        cls,
-        predictor: Predictor,
-        parameters: Sequence[Parameter],
-        start: np.ndarray,
-        gains: Gains,
-        noise: PredictionNoise,
-        *,
-        min_likelihood: float = -np.inf,
-    ) -> "_Point":
-        """Return the parameters that fit best for the given noise and the given filter gains.
+    @property
+    def noise(self) -> PredictionNoise:
+        """Noise for which the gains were computed."""
+        return self.gains.noise
 
-        The parameters are not fitted if the fit would certainly have a smaller log-likelihood than `min_likelihood`.
+    @classmethod
+    def at(cls, predictor: Predictor, scales: np.ndarray, values: np.ndarray, gains: Gains) -> "_Point":
+        """Return the predictions with given parameters. The derivatives are finite differences.
+
+        Args:
+            predictor: predictor of the outputs.
+            scales: (p,) scales of the parameters. The finite-difference steps are proportional to them.
+            values: (p,) parameters.
+            gains: gains of the filter.
         """
-        values, predictions = _least_squares(predictor, parameters, start, gains, noise, min_likelihood=min_likelihood)
-        return cls(values, noise, gains, predictions, _likelihood(predictor, gains, predictions.errors))
+        delay_index, increases = predictor.model.delay_index, _RELATIVE_STEP * scales
+        decreases = np.zeros(len(values))
+        if delay_index is not None:
+            increases[delay_index] = decreases[delay_index] = _DELAY_STEP * predictor.inputs.period
+        points = np.vstack([values, values + np.diag(increases), values - decreases])
+        # The model may diverge for parameters that the search tries. The search rejects values that are not finite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            errors, states = predictor.errors(points, gains)
+            counted = predictor.counted
+            whitened = (gains.whitening[counted] @ errors[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)
+            white = whitened.reshape(len(whitened), -1, len(points))
+            return cls(
+                values,
+                gains,
+                white[:, :, 0],
+                _jacobian(white, increases, delay_index),
+                states[:, 0],
+                _jacobian(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
+                _likelihood(predictor, gains, white[:, :, 0]),
+            )
 
 
 class _Evaluation(NamedTuple):
     """Predictions at a point of the search, with p + 1 condensed residuals and their (p + 1, p) derivatives."""
 
-    predictions: _Predictions
+    point: _Point
     residuals: np.ndarray
     slopes: np.ndarray
 
 
-def _least_squares(
+def _best_point(
     predictor: Predictor,
     parameters: Sequence[Parameter],
     start: np.ndarray,
     gains: Gains,
-    noise: PredictionNoise,
     *,
     min_likelihood: float = -np.inf,
-) -> tuple[np.ndarray, _Predictions]:
+) -> _Point:
     """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
 
-    Returns:
-        The (p,) parameters, and the predictions with them. The parameters are the initial ones if the log-likelihood
-        cannot exceed `min_likelihood`.
+    The search is omitted if its log-likelihood would certainly be smaller than `min_likelihood`.
     """
     prior_mean, scale = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
     )
     if not parameters:
-        return start, _whitened(predictor, scale, start, gains, noise)
+        return _Point.at(predictor, scale, start, gains)
     weights, variables = np.diag(1.0 / scale), SearchVariables.of(parameters)
     evaluations: dict[bytes, _Evaluation] = {}
 
@@ -328,12 +328,10 @@ def _least_squares(
         since the search ends there.
         """
         if x.tobytes() not in evaluations:
-            values = variables.inverse @ x
-            predictions = _whitened(predictor, scale, values, gains, noise)
-            errors, jacobian, *_ = predictions
-            if np.all(np.abs(errors) < _MAX_WHITENED_ERROR) and np.all(np.isfinite(jacobian)):
-                residuals = np.concatenate([errors.ravel(), weights @ (values - prior_mean)])
-                stacked = np.vstack([jacobian.reshape(-1, len(x)), weights])
+            point = _Point.at(predictor, scale, variables.inverse @ x, gains)
+            if np.all(np.abs(point.errors) < _MAX_WHITENED_ERROR) and np.all(np.isfinite(point.jacobian)):
+                residuals = np.concatenate([point.errors.ravel(), weights @ (point.values - prior_mean)])
+                stacked = np.vstack([point.jacobian.reshape(-1, len(x)), weights])
                 condensed = _condensed(residuals, stacked @ variables.inverse)
             else:
                 # The model has diverged. Large residuals make the search reject the step.
@@ -341,17 +339,16 @@ def _least_squares(
             ordered = sorted(evaluations.items(), key=lambda item: float(np.sum(item[1].residuals ** 2)))
             evaluations.clear()
             evaluations.update(ordered[:1])
-            evaluations[x.tobytes()] = _Evaluation(predictions, *condensed)
+            evaluations[x.tobytes()] = _Evaluation(point, *condensed)
         return evaluations[x.tobytes()]
 
     first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
     if np.isfinite(min_likelihood):
-        predictions, residuals, _ = evaluate(first)
+        point, residuals, _ = evaluate(first)
         # The last residual is the one that no change of the parameters reduces, if the errors are linear.
         predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
-        likelihood = _likelihood(predictor, gains, predictions.errors)
-        if likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
-            return variables.inverse @ first, predictions
+        if point.likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
+            return point
     solution = scipy.optimize.least_squares(
         lambda x: evaluate(x).residuals,
         first,
@@ -362,7 +359,7 @@ def _least_squares(
         ftol=1e-6,
         max_nfev=_MAX_NUM_EVALUATIONS,
     )
-    return np.asarray(variables.inverse @ solution.x), evaluate(solution.x).predictions
+    return evaluate(solution.x).point
 
 
 def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -384,44 +381,6 @@ def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray,
     return np.append(along, across), np.vstack([factor * norms, np.zeros(len(factor))])
 
 
-def _whitened_errors(
-    predictor: Predictor, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return whitened errors (W, k, K) for (K, p) parameters, and the states at the starts of the next windows."""
-    counted = predictor.counted
-    errors, states = predictor.errors(parameters, gains, noise)
-    whitened = (gains.whitening[counted] @ errors[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)
-    return whitened.reshape(len(whitened), -1, len(parameters)), states
-
-
-def _whitened(
-    predictor: Predictor, scales: np.ndarray, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
-) -> _Predictions:
-    """Return whitened errors and states, and their derivatives by finite differences.
-
-    Args:
-        predictor: predictor of the outputs.
-        scales: (p,) scales of the parameters. The finite-difference steps are proportional to them.
-        parameters: (p,) parameters.
-        gains: gains of the filter.
-        noise: noise of the filter.
-    """
-    delay_index, increases = predictor.model.delay_index, _RELATIVE_STEP * scales
-    decreases = np.zeros(len(parameters))
-    if delay_index is not None:
-        increases[delay_index] = decreases[delay_index] = _DELAY_STEP * predictor.inputs.period
-    points = np.vstack([parameters, parameters + np.diag(increases), parameters - decreases])
-    # The model may diverge for parameters that the search tries. The search rejects values that are not finite.
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors, states = _whitened_errors(predictor, points, gains, noise)
-        return _Predictions(
-            errors[:, :, 0],
-            _jacobian(errors, increases, delay_index),
-            states[:, 0],
-            _jacobian(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
-        )
-
-
 def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None) -> np.ndarray:
     """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
 
@@ -439,18 +398,15 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
     return np.asarray(jacobian)
 
 
-def _noise_of(
-    predictor: Predictor, gains: Gains, noise: PredictionNoise, chosen: np.ndarray | None = None
-) -> PredictionNoise:
+def _noise_of(predictor: Predictor, gains: Gains, chosen: np.ndarray | None = None) -> PredictionNoise:
     """Return the maximum-likelihood noise, found by Fisher scoring in the logarithms of the noise parameters.
 
     Args:
         predictor: predictor of the outputs.
-        gains: gains of the filter for the initial noise.
-        noise: initial noise.
+        gains: gains of the filter, for the noise at which the search starts.
         chosen: indices of the windows that are used; by default some evenly spaced windows.
     """
-    groups = predictor.noise_groups
+    noise, groups = gains.noise, predictor.noise_groups
     _, group_rows = np.unique(groups, return_index=True)
     num_counted = int(np.sum(predictor.counted))
     windows, m = len(predictor.windows), len(noise.measured)
@@ -466,7 +422,7 @@ def _noise_of(
     # The correlation time of a negligible disturbance is fixed, since it has no influence.
     fixed = (group_rows >= m + 6) & (np.concatenate(noise)[group_rows - 6] < NEGLIGIBLE_DISTURBANCE)
     free = np.flatnonzero(~fixed)
-    best, score, information = _likelihood_of(predictor, gains, noise, log_noise, chosen, free)
+    best, score, information = _likelihood_of(predictor, gains, log_noise, chosen, free)
     if not np.isfinite(best):
         return noise
     damping = 0.2 * _INITIAL_DAMPING
@@ -475,7 +431,7 @@ def _noise_of(
         trial = log_noise.copy()
         trial[free] = np.clip(log_noise[free] + step, lower[free], upper[free])
         # Many steps are rejected, so derivatives are computed only for a step that is accepted and followed by another.
-        likelihood, *_ = _likelihood_of(predictor, gains, noise, trial, chosen, free[:0])
+        likelihood, *_ = _likelihood_of(predictor, gains, trial, chosen, free[:0])
         gain = likelihood - best
         if not gain > 0.0:
             damping *= 10.0
@@ -483,7 +439,7 @@ def _noise_of(
         log_noise, best, damping = trial, likelihood, 0.2 * damping
         if gain < _LIKELIHOOD_TOLERANCE or not steps_left:
             break
-        _, score, information = _likelihood_of(predictor, gains, noise, log_noise, chosen, free)
+        _, score, information = _likelihood_of(predictor, gains, log_noise, chosen, free)
     return PredictionNoise.of(np.exp(log_noise)[groups])
 
 
@@ -496,31 +452,25 @@ def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     _, group_rows = np.unique(groups, return_index=True)
     log_noise, windows = np.log(np.concatenate(fitted.noise))[group_rows], np.arange(len(predictor.windows))
     all_groups = np.arange(len(log_noise))
-    _, _, information = _likelihood_of(predictor, fitted.gains, fitted.noise, log_noise, windows, all_groups)
+    _, _, information = _likelihood_of(predictor, fitted.gains, log_noise, windows, all_groups)
     return np.asarray(np.linalg.inv(information + _INITIAL_DAMPING * np.eye(len(log_noise)))[np.ix_(groups, groups)])
 
 
 def _likelihood_of(
-    predictor: Predictor,
-    gains: Gains,
-    filter_noise: PredictionNoise,
-    log_noise: np.ndarray,
-    chosen: np.ndarray,
-    free: np.ndarray,
+    predictor: Predictor, gains: Gains, log_noise: np.ndarray, chosen: np.ndarray, free: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Return log-likelihood, score and information for noise parameters close to those of the filter.
 
     Args:
         predictor: predictor of the outputs.
         gains: gains of the filter.
-        filter_noise: noise of the filter.
         log_noise: (c,) logarithms of the noise parameters, one for each group.
         chosen: indices of the windows that are used.
         free: (f,) indices of the logarithms for which score and information are returned.
     """
     points = np.vstack([log_noise, log_noise + _LOG_STEP * np.eye(len(log_noise))[free]])
     noises = [PredictionNoise.of(np.exp(point)[predictor.noise_groups]) for point in points]
-    return noise_likelihood(*predictor.linearised_errors(gains, filter_noise, noises, chosen), _LOG_STEP)
+    return noise_likelihood(*predictor.linearised_errors(gains, noises, chosen), _LOG_STEP)
 
 
 def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
     gains = predictor.gains(parameters, noise)
     open_loop_gains = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
     counted = np.flatnonzero(predictor.counted)
-    errors, initial_state = predictor.errors(parameters[None], open_loop_gains, noise, keep=int(counted[0]))
+    errors, initial_state = predictor.errors(parameters[None], open_loop_gains, keep=int(counted[0]))
     measured = predictor.measured[counted]
     predicted = measured - errors[counted][:, :, 0]
     time = predictor.period * np.arange(len(counted))

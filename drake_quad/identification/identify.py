@@ -52,7 +52,6 @@ from drake_quad.identification.sampling import (
 )
 from drake_quad.identification.windows import held_out_mask, steep_pitch_remarks
 from drake_quad.scenario.models import Scenario
-from drake_quad.vehicle.rigid_body import explain_invalid_inertia
 
 _POSE = ("position", "attitude")
 _MIN_POSE_NOISE = 2.0 * MIN_NOISE  # m or rad; a smaller estimate is affected by the lower bound `MIN_NOISE`
@@ -84,11 +83,7 @@ def identify(
             f"the logs cannot be fitted ({error}): their values are impossible for a flying vehicle; check the units in"
             " the mapping"
         ) from error
-    remarks = [*identification.remarks, *logs.remarks, *fast_command_remarks(records)]
-    inertia_error = explain_invalid_inertia(identification.vehicle.vehicle.inertia)
-    if inertia_error:
-        remarks.append(f"the identified inertia is inaccurate, since no rigid body can have it: {inertia_error}")
-    return replace(identification, remarks=tuple(remarks))
+    return replace(identification, remarks=(*identification.remarks, *logs.remarks, *fast_command_remarks(records)))
 
 
 def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, fraction: float) -> Identification:

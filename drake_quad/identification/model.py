@@ -120,13 +120,6 @@ class ModelParameters(NamedTuple):
     response: AttitudeResponse | None
 
 
-class ModelStep(NamedTuple):
-    """Body and rotors at the end of a step."""
-
-    body: State
-    rotors: RotorSpeed
-
-
 def step(
     body: State,
     rotors: RotorSpeed,
@@ -137,8 +130,8 @@ def step(
     span: Span,
     model_parameters: ModelParameters,
     frame: DisturbanceFrame,
-) -> ModelStep:
-    """Return the vehicle at the end of a step, during which inputs and disturbance are constant.
+) -> tuple[State, RotorSpeed]:
+    """Return body and rotors at the end of a step, during which inputs and disturbance are constant.
 
     Each step starts at time 0, so a payload that is dropped later is present in every step. With an attitude response,
     the body rates in the state are the rates of the angles.
@@ -170,7 +163,7 @@ def step(
         q=undisturbed.q + h * disturbance.q,
         r=undisturbed.r + h * disturbance.r,
     )
-    return ModelStep(disturbed, after.rotors)
+    return disturbed, after.rotors
 
 
 def rotors_after(
@@ -305,11 +298,6 @@ def level_vehicle(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"laboratory": laboratory})
 
 
-def level_record(record: FlightRecord) -> FlightRecord:
-    """Return the record with the attitude commands of a vehicle that stays level."""
-    return replace(record, attitude_command=np.zeros((len(record.time), 3)))
-
-
 class LogModel:
     """Model of the vehicle as a function of p parameters.
 
@@ -392,10 +380,6 @@ class LogModel:
         """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
         if self.responds:
             state = np.stack(state_from_body(AttitudeResponseBody(*state), small_rotation))
-        return self._turned(state)
-
-    def _turned(self, state: np.ndarray) -> np.ndarray:
-        """Return the states (12, S) of the markers' frame for states of the body."""
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
@@ -486,31 +470,31 @@ class ModelFlight:
         self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
         self._misalignment = np.repeat(model.misalignment(parameters), windows, axis=1).ravel()
         delay_steps = model.delays(parameters) / inputs.period
-        whole_steps = np.floor(delay_steps).astype(int)
-        pairs = list(zip(whole_steps.tolist(), (delay_steps - whole_steps).tolist(), strict=True))
-        self._lags = [(*pair, [k for k in range(count) if pairs[k] == pair]) for pair in dict.fromkeys(pairs)]
+        self._lags = np.floor(delay_steps).astype(int)
+        self._fractions = (delay_steps - self._lags)[:, None, None]
         self._inputs, self._step_index = inputs, 0
         self._rotors = np.empty(NUM_ROTORS * self._size)
         self._command = np.empty((inputs.commands.shape[1], count, windows))
         self._span, self._wind = np.empty((2, count, windows)), np.empty((3, count, windows))
         self._read_inputs()
-        span = self._span.reshape(-1)
-        model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, span, self._numbers)
+        self._run(model.rotors_at_rest, self._rotors, self._rotor_command, self._span)
         for _ in range(warm_up):
-            model.rotors_after(self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers)
+            self._run(model.rotors_after, self._rotors, self._rotors, self._rotor_command, self._span)
             self._next()
 
     @property
     def _rotor_command(self) -> np.ndarray:
-        return self._command[:NUM_ROTORS].reshape(-1)
+        return self._command[:NUM_ROTORS]
+
+    def _run(self, formula: Any, *rows: np.ndarray) -> None:
+        """Run a formula of the model, given the rows of its results, and of its inputs before the parameters."""
+        formula(self._size, 0.0, *(each.reshape(-1) for each in rows), self._numbers)
 
     def _read_inputs(self) -> None:
         """Read the commands, the wind and the duration of the current step."""
-        commands, now = self._inputs.commands, self._step_index + self._inputs.margin
-        for lag, fraction, parameter_indices in self._lags:
-            self._command[:, parameter_indices] = (
-                (1.0 - fraction) * commands[now - lag] + fraction * commands[now - lag - 1]
-            )[:, None, :]
+        commands, now = self._inputs.commands, self._step_index + self._inputs.margin - self._lags
+        delayed = (1.0 - self._fractions) * commands[now] + self._fractions * commands[now - 1]
+        self._command[:] = delayed.swapaxes(0, 1)
         step = min(self._step_index, len(self._inputs.spans) - 1)
         self._span[:], self._wind[:] = self._inputs.spans[step][:, None, :], self._inputs.wind[step][:, None, :]
 
@@ -520,21 +504,25 @@ class ModelFlight:
 
     def step(self, state: np.ndarray) -> None:
         """Advance a state by one step, with a constant disturbance."""
-        body = state[:NUM_BODY].reshape(-1)
-        attitude, wind = self._command[NUM_ROTORS:].reshape(-1), self._wind.reshape(-1)
-        disturbance, span = state[NUM_BODY:].reshape(-1), self._span.reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, attitude, wind, disturbance, span, self._numbers
-        self.model.step(self._size, 0.0, body, self._rotors, *inputs)
+        body, disturbance = state[:NUM_BODY], state[NUM_BODY:]
+        inputs = (
+            body,
+            self._rotors,
+            self._rotor_command,
+            self._command[NUM_ROTORS:],
+            self._wind,
+            disturbance,
+            self._span,
+        )
+        self._run(self.model.step, body, self._rotors, *inputs)
         self._next()
 
     def specific_force(self, state: np.ndarray) -> np.ndarray:
         """Return the specific force (3, K, W) for a state, m/s²."""
-        force = np.empty(3 * self._size)
-        body, disturbance = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
-        wind, span = self._wind.reshape(-1), self._span.reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, wind, disturbance, span, self._numbers
-        self.model.specific_force(self._size, 0.0, force, *inputs)
-        return force.reshape(3, *self.shape)
+        force = np.empty((3, *self.shape))
+        inputs = state[:NUM_BODY], self._rotors, self._rotor_command, self._wind, state[NUM_BODY:], self._span
+        self._run(self.model.specific_force, force, *inputs)
+        return force
 
     def measured_attitude(self, state: np.ndarray) -> np.ndarray:
         """Return roll, pitch and yaw (3, K, W) of the markers' frame for a state."""

@@ -24,7 +24,6 @@ from drake_quad.identification.model import (
     NUM_BODY,
     NUM_DISTURBANCE,
     STATE_ROWS,
-    Disturbance,
     DisturbanceFrame,
     LogModel,
     ModelFlight,
@@ -78,6 +77,15 @@ class PredictionNoise(NamedTuple):
         return force
 
     @property
+    def stationary(self) -> np.ndarray:
+        """Standard deviations (NUM_DISTURBANCE,) of the disturbance, including the constant force."""
+        return np.append(self.disturbance, [_CONSTANT_FORCE_DEVIATION, _CONSTANT_FORCE_DEVIATION])
+
+    def decay(self, duration: float) -> np.ndarray:
+        """Return the factors (NUM_DISTURBANCE,) by which the disturbance decays during a time in s."""
+        return np.append(np.exp(-duration / self.memory), [1.0, 1.0])
+
+    @property
     def torque(self) -> np.ndarray:
         """Standard deviations (3,) of the disturbing torque over inertia, rad/s²."""
         _, torque = np.split(self.disturbance, 2)
@@ -108,6 +116,7 @@ class Gains(NamedTuple):
         disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in all other rows of the state.
         initial_covariance: (W, n, n) covariance of the state at the first measurement.
         final_covariance: (W, n, n) covariance of the state at the measurement where the next window starts.
+        noise: noise for which the gains were computed.
     """
 
     gain: np.ndarray
@@ -118,6 +127,7 @@ class Gains(NamedTuple):
     disturbance: np.ndarray
     initial_covariance: np.ndarray
     final_covariance: np.ndarray
+    noise: PredictionNoise
 
 
 class InitialStates(NamedTuple):
@@ -167,21 +177,18 @@ class Predictor:
         self.inputs = WindowInputs.of(records, model, windows, sizes, split=split, max_delay=max_delay)
         offsets = np.arange(-sizes.settle, sizes.length)
         self.counted = offsets >= 0
-        self.measured = np.stack(
+        measured = [
             [
-                np.stack(
-                    [
-                        records[record].of(signal)[np.minimum(start + offsets, len(records[record].time) - 1), column]
-                        for record, start in windows
-                    ],
-                    axis=1,
-                )
-                for signal, column in outputs
-            ],
-            axis=1,
-        )
+                records[record].of(signal)[np.minimum(start + offsets, len(records[record].time) - 1), column]
+                for record, start in windows
+            ]
+            for signal, column in outputs
+        ]
+        self.measured = np.ascontiguousarray(np.transpose(measured, (2, 0, 1)))
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
+        # A specific force is not a row of the state. `_predicted` replaces the values of row 0.
+        self._output_rows = [STATE_ROWS.get(signal, 0) + column for signal, column in outputs]
         self.rows = _estimated_rows(signals, model.frame)
         self._deviations = _INITIAL_DEVIATIONS.copy()
         if "attitude" not in signals and all(record.attitude is not None for record in records):
@@ -256,13 +263,12 @@ class Predictor:
 
     def _predicted(self, flight: ModelFlight, state: np.ndarray) -> np.ndarray:
         """Return the predicted outputs (m, K, W) for a state."""
-        signals = {signal for signal, _ in self.outputs}
-        values = {signal: state[row : row + 3] for signal, row in STATE_ROWS.items() if signal in signals}
-        if FORCE in signals:
-            values[FORCE] = flight.specific_force(state)
-        if "attitude" in signals:
-            values["attitude"] = flight.measured_attitude(state)
-        return np.stack([values[signal][column] for signal, column in self.outputs])
+        predicted = state[self._output_rows]
+        for signal, law in ((FORCE, flight.specific_force), ("attitude", flight.measured_attitude)):
+            columns = [column for name, column in self.outputs if name == signal]
+            if columns:
+                predicted[[name == signal for name, _ in self.outputs]] = law(state)[columns]
+        return predicted
 
     def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
         """Return the errors (m, K, W) of the predicted outputs at measurement j, measured minus predicted."""
@@ -270,22 +276,11 @@ class Predictor:
         errors[self._angles] = wrapped_angles(errors[self._angles])
         return errors
 
-    def _decay(self, noise: PredictionNoise) -> np.ndarray:
-        """Return the factor (NUM_DISTURBANCE,) by which the disturbance decays until the next measurement."""
-        return np.append(np.exp(-self.period / noise.memory), [1.0, 1.0])
-
     def process_noise(self, noise: PredictionNoise) -> np.ndarray:
         """Return the variance (n,) that is added to each row of the state between two measurements."""
         variances = np.zeros(NUM_BODY + NUM_DISTURBANCE)
-        variances[NUM_BODY:] = _disturbance_deviations(noise) ** 2 * (1.0 - self._decay(noise) ** 2)
+        variances[NUM_BODY:] = noise.stationary**2 * (1.0 - noise.decay(self.period) ** 2)
         return variances[self.rows]
-
-    def _decay_ratios(self, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
-        """Return the decay factors (C, n) of the state for C sets of noise parameters, relative to the filter's."""
-        ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
-        for c, noise in enumerate(noises):
-            ratios[c, NUM_BODY:] = self._decay(noise) / self._decay(filter_noise)
-        return ratios[:, self.rows]
 
     def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
         """Return the gains of the filter, linearised around its predictions for parameters (p,)."""
@@ -293,7 +288,7 @@ class Predictor:
         steps = _LINEARISATION_STEPS[rows]
         flight, state = self._begin(np.tile(parameters, (1 + n, 1)))
         covariance = initial_covariance = self._first_covariance(noise)
-        process_noise, decay = np.diag(self.process_noise(noise)), self._decay(noise)
+        process_noise, decay = np.diag(self.process_noise(noise)), noise.decay(self.period)
         measurement_noise = np.diag(noise.measured**2)
         fields: list[tuple[np.ndarray, ...]] = []
         for j in range(len(self.measured)):
@@ -315,25 +310,34 @@ class Predictor:
             transition = (differences[rows] / steps[:, None]).transpose(2, 0, 1)
             covariance = transition @ update.covariance @ transition.transpose(0, 2, 1) + process_noise
             disturbance = np.where(rows[:, None] >= NUM_BODY, state[rows, 0], 0.0)
-            fields.append((gain, update.whitening, transition, output, errors, disturbance))
-        stacked = (np.stack(values) for values in zip(*fields, strict=True))
-        return Gains._make([*stacked, initial_covariance, final_covariance])
+            fields.append((gain, update.error_covariance, transition, output, errors, disturbance))
+        gain, error_covariances, transition, output, errors, disturbance = (
+            np.stack(values) for values in zip(*fields, strict=True)
+        )
+        return Gains(
+            gain,
+            np.linalg.inv(np.linalg.cholesky(error_covariances)),
+            transition,
+            output,
+            errors,
+            disturbance,
+            initial_covariance,
+            final_covariance,
+            noise,
+        )
 
     def _first_covariance(self, noise: PredictionNoise) -> np.ndarray:
         """Return the covariance (W, n, n) of the state at the first measurement."""
-        variances = np.concatenate([self._deviations, _disturbance_deviations(noise)]) ** 2
+        variances = np.concatenate([self._deviations, noise.stationary]) ** 2
         _, _, _, covariance, continued = self.initial
         return np.where(continued[:, None, None], covariance, np.diag(variances[self.rows]))
 
-    def errors(
-        self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, *, keep: int | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def errors(self, parameters: np.ndarray, gains: Gains, *, keep: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors for K sets of parameters, all with the same filter gains.
 
         Args:
             parameters: (K, p) parameters.
             gains: gains of the filter.
-            noise: noise of the filter; only the correlation times of the disturbance are used.
             keep: index of the measurement before which the state is returned; by default the index of the measurement
                 at which the next window starts.
 
@@ -342,7 +346,7 @@ class Predictor:
         """
         keep = self.sizes.length if keep is None else keep
         flight, state = self._begin(parameters)
-        decay, errors = self._decay(noise), np.empty((*self.measured.shape[:2], *state.shape[1:]))
+        decay, errors = gains.noise.decay(self.period), np.empty((*self.measured.shape[:2], *state.shape[1:]))
         gains_of_windows = np.ascontiguousarray(gains.gain.transpose(0, 3, 1, 2))
         for j in range(len(self.measured)):
             if j == keep:
@@ -356,9 +360,7 @@ class Predictor:
             state[NUM_BODY:] *= decay[:, None, None]
         return errors, kept_state
 
-    def open_loop(
-        self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, steps: Sequence[int]
-    ) -> list[np.ndarray]:
+    def open_loop(self, parameters: np.ndarray, gains: Gains, steps: Sequence[int]) -> list[np.ndarray]:
         """Return the measured states (12, 2, W) at the last measurement before each window, and after each of `steps`.
 
         The filter uses the measurements before the window. From then on, the states follow from the commands alone.
@@ -368,11 +370,10 @@ class Predictor:
         Args:
             parameters: (p,) parameters.
             gains: gains of the filter.
-            noise: noise of the filter.
             steps: numbers of samples after that measurement, in increasing order, at most the length of the windows.
         """
         flight, state = self._begin(np.stack([parameters, parameters]))
-        decay, states = self._decay(noise)[:, None, None], []
+        decay, states = gains.noise.decay(self.period)[:, None, None], []
         for j in range(self.sizes.settle + max(steps)):
             if j - self.sizes.settle + 1 in steps:
                 states.append(self._measured(state))
@@ -393,7 +394,7 @@ class Predictor:
         return self.model.measured_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 
     def linearised_errors(
-        self, gains: Gains, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise], window_indices: np.ndarray
+        self, gains: Gains, noises: Sequence[PredictionNoise], window_indices: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors for several sets of noise parameters, to first order.
 
@@ -409,7 +410,6 @@ class Predictor:
 
         Args:
             gains: gains of the filter.
-            filter_noise: noise of the filter.
             noises: C sets of noise parameters. All sets differ so little from the first one that the first order is
                 accurate.
             window_indices: indices of w windows.
@@ -418,7 +418,10 @@ class Predictor:
             (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
         """
         n, m, W = len(self.rows), len(self.outputs), len(window_indices)
-        ratios = self._decay_ratios(filter_noise, noises)
+        # Decay factors of the state, relative to those of the filter.
+        ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
+        ratios[:, NUM_BODY:] = [noise.decay(self.period) / gains.noise.decay(self.period) for noise in noises]
+        ratios = ratios[:, self.rows]
         variances = np.stack([self.process_noise(noise) for noise in noises])
         noise_variances = np.stack([noise.measured**2 for noise in noises])
         first_covariances = np.stack([self._first_covariance(noise)[window_indices] for noise in noises])
@@ -446,11 +449,13 @@ class Predictor:
             if counted >= 0:
                 errors[counted, 0], covariances[counted, 0] = first_errors[..., 0], update.error_covariance
             if others is not None:
-                shifts, covariance_changes = others.update(update, output, first_errors)
+                disturbed = propagated + disturbances[j]
+                shifts, covariance_changes = others.step(
+                    update, output, transition, first_errors, disturbed, propagated_covariance
+                )
                 if counted >= 0:
                     errors[counted, 1:] = errors[counted, 0] - shifts
                     covariances[counted, 1:] = covariances[counted, 0] + covariance_changes
-                others.propagate(update, output, transition, propagated + disturbances[j], propagated_covariance)
         return errors, covariances
 
 
@@ -486,13 +491,24 @@ class _OtherNoises:
         w, n, c, _ = self._covariances.shape
         self._deviations = np.zeros((w, c, n))
 
-    def update(self, update: "_Update", output: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Update the filters by a measurement.
+    def step(
+        self,
+        update: "_Update",
+        output: np.ndarray,
+        transition: np.ndarray,
+        errors: np.ndarray,
+        disturbed: np.ndarray,
+        propagated_covariance: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Update the filters by a measurement, and propagate them to the next one.
 
         Args:
             update: measurement update of the filter with the first noise.
             output: (w, m, n) output matrices.
+            transition: (w, n, n) transition matrices.
             errors: (w, m, 1) prediction errors of the filter with the first noise.
+            disturbed: (w, n, 1) disturbance in the next state, before it decays with `ratios`.
+            propagated_covariance: (w, n, n) covariances A P Aᵀ with the first noise.
 
         Returns:
             The changes of the predicted outputs (c, w, m), and of the covariances (c, w, m, m) of their errors.
@@ -500,40 +516,20 @@ class _OtherNoises:
         cross = _left_product(output, self._covariances)
         shifts = self._deviations @ output.swapaxes(-1, -2)
         covariance_changes = _right_product(cross, output) + self._measured_changes
-        white = (update.whitening.swapaxes(-1, -2) @ (update.whitening @ errors)).swapaxes(-1, -2)
+        white = np.linalg.solve(update.error_covariance, errors).swapaxes(-1, -2)
         changes_of_errors = shifts + _left_product(white, covariance_changes)[:, 0]
         self._deviations += _left_product(white, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(-1, -2)
-        return shifts.swapaxes(0, 1), covariance_changes.transpose(2, 0, 1, 3)
-
-    def propagate(
-        self,
-        update: "_Update",
-        output: np.ndarray,
-        transition: np.ndarray,
-        disturbed: np.ndarray,
-        propagated_covariance: np.ndarray,
-    ) -> None:
-        """Propagate the filters to the next measurement.
-
-        Args:
-            update: measurement update of the filter with the first noise.
-            output: (w, m, n) output matrices.
-            transition: (w, n, n) transition matrices.
-            disturbed: (w, n, 1) disturbance in the state, before it decays with `ratios`.
-            propagated_covariance: (w, n, n) covariances A P Aᵀ with the first noise.
-        """
         scaled = self._ratio[:, None] * transition
         self._deviations = self._deviations @ scaled.swapaxes(-1, -2)
         self._deviations += self._ratio_changes * disturbed.swapaxes(-1, -2)
         gain = scaled @ update.gain
         closed_loop = scaled - gain @ output
-        changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop)
-        changes += self._process_changes
+        changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop) + self._process_changes
         measured, memory = self._with_other_measured, self._with_other_correlation_time
-        scaled_gain = gain[:, :, None, :] * self._variance_changes[measured]
-        changes[:, :, measured] += _right_product(scaled_gain, gain)
+        changes[:, :, measured] += _right_product(gain[:, :, None, :] * self._variance_changes[measured], gain)
         changes[:, :, memory] += self._product_changes[:, memory] * propagated_covariance[:, :, None, :]
         self._covariances = changes
+        return shifts.swapaxes(0, 1), covariance_changes.transpose(2, 0, 1, 3)
 
 
 def _left_product(matrices: np.ndarray, stacked: np.ndarray) -> np.ndarray:
@@ -548,34 +544,20 @@ def _right_product(stacked: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return (stacked.reshape(w, a * c, b) @ matrices.swapaxes(-1, -2)).reshape(w, a, c, -1)
 
 
-def _disturbance_deviations(noise: PredictionNoise) -> np.ndarray:
-    """Return the standard deviations (NUM_DISTURBANCE,) of the disturbance."""
-    return np.append(noise.disturbance, [_CONSTANT_FORCE_DEVIATION, _CONSTANT_FORCE_DEVIATION])
-
-
-def _rows(signal: str, axes: str = "xyz") -> set[int]:
-    """Return the row indices of the given axes of a signal in the state."""
-    return {STATE_ROWS[signal] + "xyz".index(axis) for axis in axes}
-
-
-def _disturbance_rows(*names: str) -> set[int]:
-    """Return the row indices of the given fields of the disturbance in the state."""
-    return {NUM_BODY + Disturbance._fields.index(name) for name in names}
-
-
 def _estimated_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
     """Return the state rows that the filter estimates: the rows on which the outputs depend."""
-    constant = _disturbance_rows("constant_x", "constant_y")
+    position, attitude, velocity, _ = (set(range(row, row + 3)) for row in STATE_ROWS.values())
+    force, constant = set(range(NUM_BODY, NUM_BODY + 3)), set(range(NUM_BODY + 6, NUM_BODY + NUM_DISTURBANCE))
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))
     if signals == {"position"}:
         # If only heights are logged, the vehicle is assumed to stay level.
-        rows = _rows("position", "z") | _rows("velocity", "z") | _disturbance_rows("z")
+        rows = {max(position), max(velocity), max(force)}
     elif "position" not in signals:
-        rows -= _rows("position")
+        rows -= position
         if "attitude" not in signals:
-            rows -= _rows("attitude", "z")  # yaw
+            rows -= {max(attitude)}  # yaw
         if "velocity" not in signals and FORCE not in signals:
-            rows -= _rows("velocity") | _disturbance_rows("x", "y", "z") | constant
+            rows -= velocity | force | constant
     if frame == "body":
         rows -= constant
     return np.array(sorted(rows))
@@ -588,13 +570,11 @@ class _Update(NamedTuple):
         gain: (..., n, m) gain.
         covariance: (..., n, n) covariance of the state after the update.
         error_covariance: (..., m, m) covariance of the prediction errors.
-        whitening: (..., m, m) inverse Cholesky factor of `error_covariance`.
     """
 
     gain: np.ndarray
     covariance: np.ndarray
     error_covariance: np.ndarray
-    whitening: np.ndarray
 
 
 def _update(covariance: np.ndarray, output: np.ndarray, measurement_noise: np.ndarray) -> _Update:
@@ -603,12 +583,10 @@ def _update(covariance: np.ndarray, output: np.ndarray, measurement_noise: np.nd
     Args:
         covariance: (..., n, n) covariance of the state before the update.
         output: (..., m, n) output matrix.
-        measurement_noise: (m, m) or (..., m, m) covariance of the measurement noise.
+        measurement_noise: (m, m) covariance of the measurement noise.
     """
     cross = output @ covariance
     error_covariance = cross @ output.swapaxes(-1, -2) + measurement_noise
-    whitening = np.linalg.inv(np.linalg.cholesky(error_covariance))
-    half = whitening @ cross
-    gain = half.swapaxes(-1, -2) @ whitening
-    updated = covariance - half.swapaxes(-1, -2) @ half
-    return _Update(gain, 0.5 * (updated + updated.swapaxes(-1, -2)), error_covariance, whitening)
+    gain = np.linalg.solve(error_covariance, cross).swapaxes(-1, -2)
+    updated = covariance - gain @ cross
+    return _Update(gain, 0.5 * (updated + updated.swapaxes(-1, -2)), error_covariance)

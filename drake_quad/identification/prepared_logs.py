@@ -13,7 +13,6 @@ from drake_quad.identification.model import (
     DELAY,
     DisturbanceFrame,
     LogModel,
-    level_record,
     level_vehicle,
     thrust_of_fraction,
     with_commands,
@@ -202,7 +201,7 @@ def prepare(
         vehicle = scenario.vehicle.model_copy(update={"rotor_time_constant_down": None})
         model_scenario = scenario = scenario.model_copy(update={"vehicle": vehicle})
     elif any(record.attitude is None and record.body_rates is None for record in records):
-        records = [level_record(record) for record in records]
+        records = [replace(record, attitude_command=np.zeros((len(record.time), 3))) for record in records]
         model_scenario = level_vehicle(scenario)
     nominal = nominal or scenario
     prepared = [_with_specific_force(record, nominal) for record in records]

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, pseudo_inverse, sums_over_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, pseudo_inverse, ratio, sums_over_blocks
 
 NUM_SEGMENTS = 10
 """Number of stretches into which the total flight time is divided. Each of them is held out once."""
@@ -150,7 +150,7 @@ class FlightSegments(NamedTuple):
         products = deviations.T @ deviations
         norms = np.sqrt(np.diag(products))
         scaling = np.outer(norms, norms)
-        return np.where(scaling > 0.0, products / np.where(scaling > 0.0, scaling, 1.0), np.eye(len(norms)))
+        return np.where(scaling > 0.0, ratio(products, scaling, 0.0), np.eye(len(norms)))
 
 
 def _weighted_squares(estimates: np.ndarray, variances: np.ndarray, between: np.ndarray | float) -> np.ndarray:
@@ -186,9 +186,9 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
     long_blocks = FlightSegments.of(evidence).uncertainty()
     variances = np.diag(uncertainty.covariance)
     # The jackknife variance of a parameter that a single block determines is zero.
-    ratio = np.where(variances > 0.0, np.diag(long_blocks.covariance) / np.where(variances > 0.0, variances, 1.0), 1.0)
-    varies = (np.diag(variation.covariance) > 0.0) & (ratio > 1.0)
-    factors = np.where(varies, np.sqrt(np.maximum(ratio, 1.0)), 1.0)
+    increase = ratio(np.diag(long_blocks.covariance), variances, 1.0)
+    varies = (np.diag(variation.covariance) > 0.0) & (increase > 1.0)
+    factors = np.where(varies, np.sqrt(np.maximum(increase, 1.0)), 1.0)
     return Uncertainty(
         uncertainty.covariance * np.outer(factors, factors),
         np.where(varies, long_blocks.degrees_of_freedom, uncertainty.degrees_of_freedom),

@@ -346,7 +346,6 @@ def identified():
         Source("m", "a"),
         explained={"mass": Explained(0.123, "climb"), "autopilot.damping[0]": Explained(4e-4, "roll")},
         not_identified={"quadratic_drag": "it hovers"},
-        remarks=("of the estimates",),
         variation=Variation(np.diag([0.0016, np.nan, np.nan]), 4.0, 10.0),
     )
     time = np.arange(4)[:, None] + np.linspace(0.0, 1.0, 5)
@@ -376,7 +375,7 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
         f"delay from a command to the measurement of its effect: {plus_minus(32.1, 1.96)} ms",
         "not identified: quadratic_drag: it hovers",
     ]
-    assert printed.err == "remark: of the flights\nremark: of the estimates\n"
+    assert printed.err == "remark: of the flights\n"
 
 
 @pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])

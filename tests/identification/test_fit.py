@@ -14,8 +14,8 @@ from drake_quad.identification.fit import PredictionFit, noise_likelihood
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise
 
-EMPTY_GAINS = Gains(*(np.empty(0) for _ in Gains._fields))
 UNIT_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+EMPTY_GAINS = Gains(*(np.empty(0) for _ in Gains._fields))._replace(noise=UNIT_NOISE)
 
 
 def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.ndarray, np.ndarray]:
@@ -170,7 +170,7 @@ class LinearPredictor:
 
     def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
         whitening = np.ones((*self.target.shape, 1, 1))
-        return EMPTY_GAINS._replace(whitening=whitening)
+        return EMPTY_GAINS._replace(whitening=whitening, noise=noise)
 
     def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
         found = self.target[:, :, None] - self.rows @ parameters.T
@@ -184,7 +184,7 @@ def linear_parameters(starts: dict[str, tuple[float, float]]) -> list[Parameter]
 
 
 def fitted_line(monkeypatch: pytest.MonkeyPatch, rows: np.ndarray, measured: np.ndarray, starts: dict) -> PredictionFit:
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     return fitting.fit(LinearPredictor(rows, measured), linear_parameters(starts), noise)  # type: ignore[arg-type]
 
@@ -233,7 +233,7 @@ def test_an_identified_inertia_satisfies_the_triangle_inequality(monkeypatch: py
 def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     rows, measured = np.ones((5, 2, 1)), np.ones((5, 2))
     largest = PredictionNoise(np.array([100.0]), np.full(6, 1e-3), np.ones(6))
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: largest)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: largest)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     with pytest.raises(InputError, match="^the fit diverged: "):
         fitting.fit(LinearPredictor(rows, measured), linear_parameters({"mass": (1.0, 1.0)}), noise)  # type: ignore[arg-type]
@@ -250,7 +250,7 @@ def test_a_step_to_parameters_with_a_diverging_model_is_rejected(monkeypatch: py
             found = np.broadcast_to(error[None, None, :, None], shape)
             return found.copy(), np.zeros((1, len(theta), len(self.windows)))
 
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     parameters = linear_parameters({"mass": (0.0, 1e2)})
     found = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
@@ -272,8 +272,8 @@ def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool)
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found, _ = fitting._least_squares(predictor, parameters, start, predictor.gains(start, UNIT_NOISE), UNIT_NOISE)  # type: ignore[arg-type]
-    np.testing.assert_allclose(found, start)
+    found = fitting._best_point(predictor, parameters, start, predictor.gains(start, UNIT_NOISE))  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.values, start)
 
 
 class DriftingPredictor(LinearPredictor):
@@ -306,7 +306,7 @@ def test_fitting_rounds_continue_while_an_estimate_changes(
     monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
 ) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     predictor = DriftingPredictor(moves)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
@@ -327,12 +327,12 @@ def test_fitting_rounds_continue_while_a_disturbance_changes(
     """
     predictor = DriftingPredictor([])
 
-    def noise_of(predictor: DriftingPredictor, gains: Gains, noise: PredictionNoise, chosen: object = None) -> object:
+    def noise_of(predictor: DriftingPredictor, gains: Gains, chosen: object = None) -> object:
         if chosen is not None:
-            return noise
-        changed = noise.disturbance.copy()
+            return gains.noise
+        changed = gains.noise.disturbance.copy()
         changed[4] *= factors[min(predictor.rounds, len(factors) - 1)]
-        return noise._replace(disturbance=changed)
+        return gains.noise._replace(disturbance=changed)
 
     monkeypatch.setattr(fitting, "_noise_of", noise_of)
     # The disturbance is already at its lower limit, so no smaller one is tried.
@@ -357,7 +357,7 @@ class WhiteningPredictor(LinearPredictor):
         self.filters.append((float(values[0]), float(noise.disturbance[3])))
         errors, _ = self.errors(values[None])
         whitening = np.full((*self.target.shape, 1, 1), 1.0 / self.deviation(noise.disturbance[3]))
-        return EMPTY_GAINS._replace(whitening=whitening, errors=errors[:, :, 0])
+        return EMPTY_GAINS._replace(whitening=whitening, errors=errors[:, :, 0], noise=noise)
 
 
 def noise_with(torque: float) -> PredictionNoise:
@@ -369,7 +369,7 @@ def point_at(
 ) -> fitting._Point:
     """Return the best parameters for a noise, from a search that starts at zero."""
     start = np.zeros(1)
-    return fitting._Point.of(predictor, parameters, start, predictor.gains(start, noise), noise, **options)  # type: ignore[arg-type]
+    return fitting._best_point(predictor, parameters, start, predictor.gains(start, noise), **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
@@ -452,7 +452,7 @@ def test_a_search_evaluates_its_result_once() -> None:
     assert points.count(found.values.tobytes()) == 1
     assert points[-1] != found.values.tobytes()
     errors, _ = predictor.errors(np.array([found.values]))
-    np.testing.assert_allclose(found.predictions.errors, errors[:, 0, 0].T)
+    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
 
 
 @pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
@@ -464,7 +464,7 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 
     The fit with the larger likelihood is returned.
     """
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     small = 0.01
     other = small * (0.5 if likelier else 2.0)
@@ -481,7 +481,7 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 @pytest.mark.parametrize("kind", ["force", "torque"])
 def test_smaller_disturbing_forces_and_torques_are_tried_separately(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """Only the one on which the likelihood depends changes."""
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
     filters = predictor.gains
 
@@ -517,7 +517,7 @@ class QuadraticLikelihood:
         self.chosen = self.free = np.empty(0, dtype=int)
 
     def __call__(
-        self, predictor: object, gains: object, own: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
+        self, predictor: object, gains: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
     ) -> tuple[float, np.ndarray, np.ndarray]:
         if not any(logs is other for other in self.asked):
             self.asked.append(logs)
@@ -552,7 +552,7 @@ def noise_found(
         windows=range(windows),
         model=SimpleNamespace(frame=frame),
     )
-    return np.log(np.concatenate(fitting._noise_of(predictor, EMPTY_GAINS, start)))  # type: ignore[arg-type]
+    return np.log(np.concatenate(fitting._noise_of(predictor, EMPTY_GAINS._replace(noise=start))))  # type: ignore[arg-type]
 
 
 def test_the_maximum_likelihood_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
@@ -695,19 +695,16 @@ def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None
     """The central difference across the kink is the mean, 5, of the one-sided derivatives 4 and 6."""
     predictor = DelayedPredictor()
     at = np.array([0.7, predictor.period])
-    errors, jacobian, states, state_jacobian = fitting._whitened(
-        predictor, np.array([0.7, 0.02]), at, predictor.gains, UNIT_NOISE  # type: ignore[arg-type]
-    )  # fmt: skip
+    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), at, predictor.gains)  # type: ignore[arg-type]
     white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
-    np.testing.assert_allclose(errors, 2.1 * white)
-    np.testing.assert_allclose(jacobian, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
-    np.testing.assert_allclose(states, 2.1 * predictor.states)
-    np.testing.assert_allclose(state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
+    np.testing.assert_allclose(point.errors, 2.1 * white)
+    np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
+    np.testing.assert_allclose(point.states, 2.1 * predictor.states)
+    np.testing.assert_allclose(point.state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
     # Above the kink, both one-sided derivatives are equal.
-    _, jacobian, *_ = fitting._whitened(
-        predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, UNIT_NOISE  # type: ignore[arg-type]
-    )  # fmt: skip
-    np.testing.assert_allclose(jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
+    above = at + np.array([0.0, 0.0051])
+    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), above, predictor.gains)  # type: ignore[arg-type]
+    np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -760,7 +757,7 @@ def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_info
     information[0, 1] = information[1, 0] = 30.0
     asked = []
 
-    def likelihood_of(predictor: object, gains: object, own: object, logs: np.ndarray, *given: np.ndarray) -> object:
+    def likelihood_of(predictor: object, gains: object, logs: np.ndarray, *given: np.ndarray) -> object:
         asked.append((logs, *given))
         return 0.0, np.zeros(4), information
 
@@ -786,7 +783,7 @@ def test_smaller_disturbances_are_tried_as_long_as_the_likelihood_increases(
 
     Smaller torques and forces are tried again in the fourth of eight rounds.
     """
-    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
+    monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     tried: list[tuple[float, ...]] = []
 
     def smaller(predictor: object, parameters: object, at: object, factors: tuple[float, ...]) -> object:

@@ -343,7 +343,7 @@ def test_changes_of_a_vehicle_between_its_flights_are_estimated(root) -> None:
     records = []
     for scale, x, y in truths:
         own = [f"vehicle.thrust_factor={4e-5 * scale}", f"vehicle.trim_force={{x: {x}, y: {y}}}"]
-        flight = simulate(known.simulated_scenario(root / "diagrams", [*plain, *own, "duration=16"]))
+        flight = simulate(known.simulated_scenario(root / "diagrams", [*plain, *own, "duration=16"]), compiled=True)
         records.append(record_of(flight))
     scenario = known.simulated_scenario(root / "diagrams", plain)
     logs, _ = prepare(records, scenario)

@@ -40,7 +40,7 @@ def predictor():
         misses[NUM_SETTLING_SAMPLES:, i, 0] = fraction * curved[:, i]
     kept = {}
 
-    def errors(parameters, gains, noise, keep):
+    def errors(parameters, gains, keep):
         kept.update(parameters=parameters, gain=gains.gain, keep=keep)
         return misses, state[:, None]
 

@@ -355,17 +355,12 @@ def test_undetermined_parameters_have_a_reason():
     assert set(module.undetermined_parameters(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 
-def test_a_physically_impossible_inertia_causes_a_remark(monkeypatch, rotors):
-    impossible = rotors.vehicle.model_copy(update={"inertia": (1.0, 1.0, 3.0)})
-    found = module.Identification(None, rotors.model_copy(update={"vehicle": impossible}), (), remarks=("first",))
+def test_remarks_on_the_clocks_and_on_fast_commands_follow_those_of_the_fit(monkeypatch, rotors):
+    found = module.Identification(None, rotors, (), remarks=("first",))
     monkeypatch.setattr(module, "_identified", lambda *_: found)
     monkeypatch.setattr(module, "synchronise", lambda records: module.SynchronisedRecords(records, False, ["clocks"]))
     monkeypatch.setattr(module, "fast_command_remarks", lambda records: ["fast"])
-    *others, last = module.identify([log_of(1.0)], rotors).remarks
-    assert others == ["first", "clocks", "fast"]
-    assert last.startswith("the identified inertia is inaccurate, since no rigid body can have it: ")
-    monkeypatch.setattr(module, "_identified", lambda *_: module.Identification(None, rotors, ()))
-    assert module.identify([log_of(1.0)], rotors).remarks == ("clocks", "fast")
+    assert module.identify([log_of(1.0)], rotors).remarks == ("first", "clocks", "fast")
 
 
 def test_prepared_logs_list_their_signals():

@@ -389,7 +389,7 @@ def content_of(*messages, error=None):
             raise error
 
     mapping = SimpleNamespace(names={"/a.x", "/b.x"})
-    log = SimpleNamespace(mark="the log", remarks=["a remark"])
+    log = SimpleNamespace(mark="the log")
     return _content(log, ("mine", mapping), "a bag", read_one_by_one())
 
 
@@ -398,11 +398,11 @@ def test_a_damaged_bag_is_read_up_to_the_damage():
     (table,) = found.tables
     np.testing.assert_array_equal(table.columns["/a.x"], [1.0, 3.0])
     # A topic whose first message cannot be decoded is left out.
-    assert found.remarks == ["a remark", "the messages of /b cannot be decoded"]
+    assert found.remarks == ["the messages of /b cannot be decoded"]
     assert found.names == ["/b", "/c"]
     error = ValueError(" no\n chunk ")
     found = content_of(("/a", 1.0), error=error)
-    assert found.remarks[1:] == ["the log is truncated or damaged; it is read up to this error: no chunk"]
+    assert found.remarks == ["the log is truncated or damaged; it is read up to this error: no chunk"]
     for messages in ((), (("/c", 1.0),), (("/a", None),)):
         with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
             content_of(*messages, error=error)

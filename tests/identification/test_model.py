@@ -61,7 +61,7 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, k
     """An acceleration a displaces the vehicle by a h²/2, along the axes of W or of the body at the start."""
     h = 0.02
     quiet, pushed = (
-        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind).body)
+        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind)[0])
         for d in (NO_DISTURBANCE, DISTURBANCE)
     )
     force = np.array([DISTURBANCE.x + DISTURBANCE.constant_x, DISTURBANCE.y + DISTURBANCE.constant_y, DISTURBANCE.z])
@@ -78,7 +78,7 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, k
 def test_specific_force_is_the_acceleration_relative_to_free_fall(model_parameters, kind):
     """The expected value is computed in body axes from the change of velocity in a very short step."""
     h = 1e-6
-    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, DISTURBANCE, Span(h, 1.0), model_parameters, kind).body
+    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, DISTURBANCE, Span(h, 1.0), model_parameters, kind)[0]
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
     expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, model_parameters.parameters.gravity]))
     np.testing.assert_allclose(
@@ -98,7 +98,7 @@ def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, 
         assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
     np.testing.assert_allclose(
         found,
-        step(STATE, SPEEDS, command, LEVEL, STILL, NO_DISTURBANCE, Span(h, 1.0), model_parameters, "world").rotors,
+        step(STATE, SPEEDS, command, LEVEL, STILL, NO_DISTURBANCE, Span(h, 1.0), model_parameters, "world")[1],
     )
     assert rotors_at_rest(command, Span(h, 1.0), model_parameters) == pytest.approx(command)
 
@@ -300,7 +300,7 @@ def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenar
             body, push = State(*states[:NUM_BODY, k, w]), Disturbance(*states[NUM_BODY:, k, w])
             np.testing.assert_allclose(
                 found[:NUM_BODY, k, w],
-                step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD, 1.0), own, kind).body,
+                step(body, SPEEDS, SPEEDS, LEVEL, air, push, Span(PERIOD, 1.0), own, kind)[0],
                 atol=1e-9,
             )
             np.testing.assert_allclose(
@@ -334,10 +334,10 @@ def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
     expected = specific_force(body, rotors, command, air, push, span, numbers_of_row, "world")
     np.testing.assert_allclose(model.specific_force(states)[:, 0, 0], np.ravel(expected), atol=1e-9)
     attitude = Attitude(*angles[30]) if vehicle.responds else LEVEL
-    after = step(body, rotors, command, attitude, air, push, span, numbers_of_row, "world")
+    body_after, rotors_after = step(body, rotors, command, attitude, air, push, span, numbers_of_row, "world")
     model.step(states)
-    np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(after.body), atol=1e-9)
-    np.testing.assert_allclose(model._rotors, np.ravel(after.rotors), atol=1e-9)
+    np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(body_after), atol=1e-9)
+    np.testing.assert_allclose(model._rotors, np.ravel(rotors_after), atol=1e-9)
     # The inputs of the next sample apply after a step.
     np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
 
@@ -353,7 +353,7 @@ def test_a_payload_is_attached_throughout_all_windows():
         )
     )
     for formula in (
-        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, DISTURBANCE, Span(0.1, 1.0), own, "world").body,
+        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, DISTURBANCE, Span(0.1, 1.0), own, "world")[0],
         lambda own: specific_force(STATE, SPEEDS, SPEEDS, STILL, DISTURBANCE, Span(0.1, 1.0), own, "world"),
     ):
         np.testing.assert_array_equal(formula(soon), formula(late))

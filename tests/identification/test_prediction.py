@@ -435,6 +435,7 @@ def test_the_height_of_a_flight_without_attitude_is_predicted(root):
     folder = root / "tests" / "data" / "crazyflie" / "crazypad"
     first, second = (read_log(folder / f"normal_flight_E8_log0{i}.xz") for i in (0, 1))
     found = identify([first], base, held_out_fraction=0.0)
-    predictions = predict(second, {"identified": found.vehicle, "data sheet": base}, nominal=base)
+    vehicles = {"identified": found.vehicle, "data sheet": base}
+    predictions = predict(second, vehicles, nominal=base, horizons=(0.5,))
     assert set(predictions.errors) == {"height", "climb"}
     assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8

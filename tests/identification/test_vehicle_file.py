@@ -63,7 +63,6 @@ def estimates():
         CRAZYFLIE_ESTIMATES,
         explained={"mass": Explained(0.43, "acceleration along z")},
         not_identified={"inertia[2]": "the vehicle never turned about its vertical axis"},
-        remarks=("A gap of 0.2 s at 12.3 s was left out.",),
     )
 
 
@@ -290,7 +289,6 @@ def test_every_value_has_a_comment_on_its_uncertainty(written):
         "1.20 [0.99, 1.41] with 95 % confidence; multiple shooting, hover_1.bin; written as a whole number\n"
         "      delay_ticks: 1",
         "inertia[2] is not identified: the vehicle never turned about its vertical axis",
-        "A gap of 0.2 s at 12.3 s was left out.",
         "one time constant was identified for both directions\n    rotor_time_constant_down: null",
     ):
         assert words in text

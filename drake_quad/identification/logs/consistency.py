@@ -12,9 +12,9 @@ improves the agreement most is reported. Signals that agree after the repair are
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -56,7 +56,6 @@ _MIN_CONTRADICTION = 0.85
 _OPPOSITE_DISAGREEMENT = 1.2  # signals with a larger disagreement are opposite rather than independent
 _ROUNDING_ERROR = 1e-9  # relative amplitude of a constant with rounding errors
 _TINY = float(np.finfo(float).tiny)
-_Value = TypeVar("_Value")
 
 
 class _Pair(NamedTuple):
@@ -118,24 +117,6 @@ class _Pair(NamedTuple):
 _MOTION_SIGNALS = ("position", "velocity")
 
 
-def _derived_from(*names: str) -> Callable[[Callable[["_Grid"], _Value]], Callable[["_Grid"], _Value]]:
-    """Return a decorator that caches a quantity of a grid, which depends on the signals with the given names.
-
-    When a fault is repaired, the cached quantities that do not depend on the repaired signals are kept.
-    """
-
-    def decorate(quantity: Callable[["_Grid"], _Value]) -> Callable[["_Grid"], _Value]:
-        def stored(grid: "_Grid") -> _Value:
-            if quantity not in grid.derived:
-                grid.derived[quantity] = names, quantity(grid)
-            value: _Value = grid.derived[quantity][1]
-            return value
-
-        return stored
-
-    return decorate
-
-
 def _clipped(values: np.ndarray, centred: bool) -> np.ndarray:
     """Return values (w, axes), minus their medians if centred, clipped to their typical amplitude."""
     deviation = values - _quantile(values, 0.5) if centred else values
@@ -162,12 +143,10 @@ class _Grid:
         step: step of the grid, s.
         usable: (n,) False where the log has a gap.
         stride: number of steps from one window to the next.
-        derived: quantities that have been computed, each with the names of the signals on which it depends.
     """
 
     def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray, *, stride: int = 1) -> None:
         self.signals, self.step, self.usable, self.stride = signals, step, usable, stride
-        self.derived: dict[Callable[[_Grid], Any], tuple[tuple[str, ...], Any]] = {}
         self._starts: dict[int, np.ndarray] = {}
 
     def with_stride(self, stride: int) -> "_Grid":
@@ -175,20 +154,13 @@ class _Grid:
         return _Grid(self.signals, self.step, self.usable, stride=stride)
 
     def repaired(self, fault: Fault) -> "_Grid":
-        """Return the grid with a fault repaired."""
+        """Return the grid with a fault repaired. Cached quantities that do not depend on the fault are kept."""
         result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable, stride=self.stride)
         result._starts = self._starts
-        result.derived = {
-            quantity: (names, value)
-            for quantity, (names, value) in self.derived.items()
-            if not set(names).intersection(fault.signals)
-        }
+        for quantity, sources in _SOURCES.items():
+            if quantity in vars(self) and not set(sources).intersection(fault.signals):
+                vars(result)[quantity] = vars(self)[quantity]
         return result
-
-    @property
-    def rotation(self) -> "scipy.spatial.transform.Rotation":
-        """Rotations (n,) from body to world."""
-        return _rotation(self)
 
     def samples(self, duration: float) -> int:
         """Return the number of steps in a window."""
@@ -204,18 +176,32 @@ class _Grid:
 
     def mean(self, values: np.ndarray, width: int) -> np.ndarray:
         """Return the means (w, columns) over windows."""
-        integral, starts = _cumulative_integral(values, 1.0), self.starts(width)
-        return np.asarray((integral[starts + width] - integral[starts]) / width)
+        return _all_means(values, width)[self.starts(width)]
 
     def rate(self, values: np.ndarray, width: int) -> np.ndarray:
         """Return the mean derivatives (w, columns) over windows."""
         starts = self.starts(width)
         return np.asarray((values[starts + width] - values[starts]) / (width * self.step))
 
-    @property
-    def is_moving(self) -> bool:
-        """True if the velocity varies enough to determine accelerations."""
-        return _is_moving(self)
+    @cached_property
+    def rotation(self) -> "scipy.spatial.transform.Rotation":
+        """Rotations (n,) from body to world."""
+        return rotations_of(self.signals["attitude"])
+
+    @cached_property
+    def turn(self) -> np.ndarray:
+        """Mean body rates (w, 3) that follow from the attitudes at both ends of each window."""
+        width = self.samples(_ROTATION_WINDOW)
+        starts = self.starts(width)
+        turn: np.ndarray = (self.rotation[starts].inv() * self.rotation[starts + width]).as_rotvec()
+        return turn / (width * self.step)
+
+    @cached_property
+    def tangent(self) -> np.ndarray:
+        """Mean tangents (w, 2) of the tilt, along x and y of the world."""
+        axis = self.rotation.apply([0.0, 0.0, 1.0])
+        tangents = axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE)
+        return self.mean(tangents, self.samples(_TRANSLATION_WINDOW))
 
     @property
     def velocity(self) -> np.ndarray | None:
@@ -224,16 +210,40 @@ class _Grid:
             return self.signals.get("velocity")
         return np.asarray(np.gradient(self.signals["position"], self.step, axis=0))
 
+    @cached_property
+    def is_moving(self) -> bool:
+        """True if the velocity varies enough to determine accelerations."""
+        return self.velocity is not None and float(np.std(self.velocity, axis=0).max()) > _MIN_SPEED
 
-@_derived_from("attitude")
-def _rotation(grid: _Grid) -> "scipy.spatial.transform.Rotation":
-    return rotations_of(grid.signals["attitude"])
+    @cached_property
+    def expected_force(self) -> np.ndarray:
+        """Mean specific force (w, 3) along the world axes that follows from the velocity."""
+        assert self.velocity is not None
+        return self.rate(self.velocity, self.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
+
+    @cached_property
+    def expected_force_in_body(self) -> np.ndarray:
+        """`expected_force` (w, 3) along the body axes in the middle of each window."""
+        width = self.samples(_TRANSLATION_WINDOW)
+        in_body: np.ndarray = self.rotation[self.starts(width) + width // 2].inv().apply(self.expected_force)
+        return in_body
+
+    @cached_property
+    def force_in_world(self) -> np.ndarray:
+        """Mean specific force (w, 3) along the world axes."""
+        return self.mean(self.rotation.apply(self.signals["specific_force"]), self.samples(_TRANSLATION_WINDOW))
 
 
-@_derived_from(*_MOTION_SIGNALS)
-def _is_moving(grid: _Grid) -> bool:
-    velocity = grid.velocity
-    return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
+# Signals on which each cached quantity of a grid depends.
+_SOURCES = {
+    "rotation": ("attitude",),
+    "turn": ("attitude",),
+    "tangent": ("attitude",),
+    "is_moving": _MOTION_SIGNALS,
+    "expected_force": _MOTION_SIGNALS,
+    "expected_force_in_body": ("attitude", *_MOTION_SIGNALS),
+    "force_in_world": ("attitude", "specific_force"),
+}
 
 
 def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
@@ -253,7 +263,7 @@ def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iter
         fault, pair, axis = worst
         yield f"{pair.name} disagrees with {pair.text(axis)}: {fault.text}"
         grid = grid.repaired(fault)
-    for exact_pair in (each for each in _pairs(grid) if each is not None and each.is_exact):
+    for exact_pair in (each for each in _pairs(grid).values() if each.is_exact):
         excited = exact_pair.excited(factor=2.0)
         if excited.any() and exact_pair.disagreement()[excited].min() > _MIN_CONTRADICTION:
             yield f"{exact_pair.name} contradicts {exact_pair.text(int(np.argmax(excited)))}"
@@ -296,30 +306,23 @@ def _cumulative_integral(values: np.ndarray, steps: np.ndarray | float) -> np.nd
     return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
 
 
-def _pairs(grid: _Grid, *, fault: Fault | None = None, only: Callable[..., Any] | None = None) -> list[_Pair | None]:
-    """Return the pairs of signals that can be compared.
+def _pairs(grid: _Grid, changed: Iterable[str] | None = None) -> dict["_Comparison", _Pair]:
+    """Return the pairs of signals that can be compared, by comparison.
+
+    Pairs with too few windows, and pairs that need motion in a log without motion, are left out.
 
     Args:
         grid: signals of the log.
-        fault: repaired fault; if given, only the pairs that depend on the repaired signals are computed.
-        only: comparison in `_COMPARISONS`; if given, only the pair of this comparison is computed.
-
-    Returns:
-        The pairs whose signals are logged, with None for a pair that does not depend on `fault`, that has too few
-        windows, or that needs motion in a log without motion.
+        changed: names of signals; if given, only the pairs that depend on them are returned.
     """
-    pairs: list[_Pair | None] = []
+    pairs = {}
     for compare, groups in _COMPARISONS:
-        if only not in (None, compare):
-            continue
-        if not all(any(name in grid.signals for name in names) for names in groups):
-            continue
-        is_changed = fault is None or {name for names in groups for name in names}.intersection(fault.signals)
-        if not is_changed or (_MOTION_SIGNALS in groups and not grid.is_moving):
-            pairs.append(None)
-            continue
-        pair = compare(grid)
-        pairs.append(pair if len(pair.expected) >= _MIN_WINDOWS else None)
+        is_logged = all(any(name in grid.signals for name in names) for names in groups)
+        is_affected = changed is None or any(not set(names).isdisjoint(changed) for names in groups)
+        if is_logged and is_affected and (_MOTION_SIGNALS not in groups or grid.is_moving):
+            pair = compare(grid)
+            if len(pair.expected) >= _MIN_WINDOWS:
+                pairs[compare] = pair
     return pairs
 
 
@@ -332,55 +335,21 @@ def _derivative(position: str, velocity: str, grid: _Grid, *, is_exact: bool = T
 
 def _attitude_and_rates(grid: _Grid) -> _Pair:
     measured = grid.mean(grid.signals["body_rates"], grid.samples(_ROTATION_WINDOW))
-    return _Pair("body_rates", "the derivative of attitude", _turn(grid), measured, 0.05, AXES["body_rates"])
-
-
-@_derived_from("attitude")
-def _turn(grid: _Grid) -> np.ndarray:
-    """Return the mean body rates (w, 3) that follow from the attitudes at both ends of each window."""
-    width = grid.samples(_ROTATION_WINDOW)
-    starts, rotation = grid.starts(width), grid.rotation
-    turn: np.ndarray = (rotation[starts].inv() * rotation[starts + width]).as_rotvec()
-    return turn / (width * grid.step)
-
-
-@_derived_from(*_MOTION_SIGNALS)
-def _acceleration(grid: _Grid) -> np.ndarray:
-    """Return the mean acceleration (w, 3) minus the acceleration of gravity, along the world axes."""
-    velocity = grid.velocity
-    assert velocity is not None
-    return grid.rate(velocity, grid.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
-
-
-@_derived_from("attitude", "specific_force")
-def _force_in_world(grid: _Grid) -> np.ndarray:
-    """Return the mean specific force (w, 3) along the world axes."""
-    return grid.mean(grid.rotation.apply(grid.signals["specific_force"]), grid.samples(_TRANSLATION_WINDOW))
+    return _Pair("body_rates", "the derivative of attitude", grid.turn, measured, 0.05, AXES["body_rates"])
 
 
 def _horizontal_force(grid: _Grid) -> _Pair:
-    expected, measured = _acceleration(grid), _force_in_world(grid)
-    other = "the acceleration and the tilt"
-    return _Pair("specific_force", other, expected[:, :2], measured[:, :2], 0.2, ("x", "y"))
+    expected, measured = grid.expected_force[:, :2], grid.force_in_world[:, :2]
+    return _Pair("specific_force", "the acceleration and the tilt", expected, measured, 0.2, ("x", "y"))
 
 
 def _vertical_force(grid: _Grid) -> _Pair:
-    expected, measured = _acceleration(grid), _force_in_world(grid)
-    other = "the acceleration and gravity"
-    return _Pair("specific_force", other, expected[:, 2:], measured[:, 2:], 1.0, ("z",), centred=False)
-
-
-@_derived_from("attitude", *_MOTION_SIGNALS)
-def _acceleration_in_body(grid: _Grid) -> np.ndarray:
-    """Return the result (w, 3) of `_acceleration` along the body axes in the middle of each window."""
-    width = grid.samples(_TRANSLATION_WINDOW)
-    middle = grid.rotation[grid.starts(width) + width // 2]
-    in_body: np.ndarray = middle.inv().apply(_acceleration(grid))
-    return in_body
+    expected, measured = grid.expected_force[:, 2:], grid.force_in_world[:, 2:]
+    return _Pair("specific_force", "the acceleration and gravity", expected, measured, 1.0, ("z",), centred=False)
 
 
 def _force_in_body(grid: _Grid) -> _Pair:
-    expected = _acceleration_in_body(grid)[:, :2]
+    expected = grid.expected_force_in_body[:, :2]
     measured = grid.mean(grid.signals["specific_force"], grid.samples(_TRANSLATION_WINDOW))[:, :2]
     # The force along x and y is only the drag of the rotors, which is smaller than the error of the tilt. Expected and
     # measured values therefore often differ in correct logs, but never have opposite signs.
@@ -397,19 +366,10 @@ def _size_of_force(grid: _Grid) -> _Pair:
     return _Pair("specific_force", "gravity", expected, size, 1.0, ("z",), centred=False, is_exact=False)
 
 
-@_derived_from("attitude")
-def _tangent(grid: _Grid) -> np.ndarray:
-    """Return the mean tangents (w, 2) of the tilt, along x and y of the world."""
-    axis = grid.rotation.apply([0.0, 0.0, 1.0])
-    return grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), grid.samples(_TRANSLATION_WINDOW))
-
-
 def _tilt(grid: _Grid) -> _Pair:
     """Return the pair that compares the horizontal acceleration with the one that a thrust along body z would cause."""
-    acceleration = _acceleration(grid)
-    expected, measured = acceleration[:, :2], _tangent(grid) * np.maximum(acceleration[:, 2:], 0.0)
-    other = "the horizontal acceleration"
-    return _Pair("attitude", other, expected, measured, 0.2, ("x", "y"), is_exact=False)
+    expected, measured = grid.expected_force[:, :2], grid.tangent * np.maximum(grid.expected_force[:, 2:], 0.0)
+    return _Pair("attitude", "the horizontal acceleration", expected, measured, 0.2, ("x", "y"), is_exact=False)
 
 
 def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> _Pair:
@@ -435,7 +395,8 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
 
 
 # Each comparison with the groups of signals that it needs: at least one signal of each group.
-_COMPARISONS: list[tuple[Callable[[_Grid], _Pair], tuple[tuple[str, ...], ...]]] = [
+_Comparison = Callable[[_Grid], _Pair]
+_COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
     (_horizontal_force, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
@@ -459,29 +420,26 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     # Consecutive windows overlap almost completely, so the search uses one window per `_SEARCH_STRIDE`.
     grid = grid.with_stride(grid.samples(_SEARCH_STRIDE))
     pairs = _pairs(grid)
-    excited = [None if pair is None else pair.excited() for pair in pairs]
-    before = [np.zeros(0) if pair is None else pair.disagreement() for pair in pairs]
-    is_suspicious = any(
-        pair is not None and axes is not None and (old[axes] > pair.suspicious).any()
-        for pair, old, axes in zip(pairs, before, excited, strict=True)
-    )
+    excited = {compare: pair.excited() for compare, pair in pairs.items()}
+    before = {compare: pair.disagreement() for compare, pair in pairs.items()}
+    is_suspicious = any((before[compare][excited[compare]] > pair.suspicious).any() for compare, pair in pairs.items())
     best, best_gain = None, 0.0
     for fault in faults(grid.signals):
         if not (is_suspicious or fault.is_frame):
             continue
         gain, max_change, candidate = -_AXIS_COST * fault.num_axes, 0.0, None
-        for pair, repaired, old, axes in zip(
-            pairs, _pairs(grid.repaired(fault), fault=fault), before, excited, strict=True
-        ):
-            if pair is None or repaired is None or axes is None:
+        for compare, repaired in _pairs(grid.repaired(fault), fault.signals).items():
+            if compare not in pairs:
                 continue
             new = repaired.disagreement()
-            change = np.where(axes, old - new, 0.0)
+            change = np.where(excited[compare], before[compare] - new, 0.0)
             gain += float(change.sum())
             axis = int(np.argmax(change))
             is_gross = change[axis] > _MIN_IMPROVEMENT + new[axis]
-            if change[axis] > max_change and (is_gross or (fault.is_frame and _is_other_frame(pair, repaired))):
-                max_change, candidate = float(change[axis]), (fault, pair, axis)
+            if change[axis] > max_change and (
+                is_gross or (fault.is_frame and _is_other_frame(pairs[compare], repaired))
+            ):
+                max_change, candidate = float(change[axis]), (fault, pairs[compare], axis)
         if candidate is not None and gain > best_gain:
             best, best_gain = candidate, gain
     return best
@@ -509,21 +467,31 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
         time: (n,) rising times, s.
     """
     grid = _on_grid(signals, time)
-    (pair,) = [None] if grid is None else _pairs(grid, only=_attitude_and_rates)
-    if grid is None or pair is None:
+    if grid is None:
         return np.zeros(0)
-    expected, measured = pair.clipped()
+    expected, measured = _attitude_and_rates(grid).clipped()
     max_shift, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART_DURATION)
     lags = []
     for first in range(max_shift, len(expected) - count - max_shift, count):
-        part = measured[first : first + count]
-        errors = [
-            np.sum((part - expected[first - s : first - s + count]) ** 2) for s in range(-max_shift, max_shift + 1)
-        ]
-        lowest = _refined_minimum(np.array(errors))
-        if lowest is not None and min(errors) < _MAX_CLOCK_ERROR * np.sum(part**2):
-            lags.append(grid.step * (lowest - max_shift))
+        errors = _shift_errors(measured, expected, first, first + count, max_shift)
+        lead = _refined_minimum(errors)
+        if lead is not None and errors.min() < _MAX_CLOCK_ERROR * np.sum(measured[first : first + count] ** 2):
+            lags.append(grid.step * (max_shift - lead))
     return np.array(lags)
+
+
+def _shift_errors(values: np.ndarray, others: np.ndarray, first: int, end: int, max_shift: int) -> np.ndarray:
+    """Return the squared errors (2 max_shift + 1,) between rows of values and the same rows of others, shifted.
+
+    Args:
+        values: (w, axes) values.
+        others: (w, axes) values of the other signal.
+        first: first row that is compared.
+        end: row after the last row that is compared.
+        max_shift: largest shift, in rows.
+    """
+    shifts = range(-max_shift, max_shift + 1)
+    return np.array([np.sum((values[first:end] - others[first + shift : end + shift]) ** 2) for shift in shifts])
 
 
 def _refined_minimum(errors: np.ndarray) -> float | None:
@@ -541,22 +509,9 @@ def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
     expected, measured = (side[:, excited] for side in pair.clipped())
     if max_shift < 1 or not excited.any() or len(expected) < 2 * max_shift + _NUM_PARTS * _MIN_WINDOWS // 2:
         return
-    errors = np.array(
-        [
-            np.sum(
-                (
-                    expected[max_shift : len(expected) - max_shift]
-                    - np.roll(measured, -shift, axis=0)[max_shift:-max_shift]
-                )
-                ** 2,
-                axis=1,
-            )
-            for shift in range(-max_shift, max_shift + 1)
-        ]
-    )
     shifts = []
-    for part in np.array_split(errors, _NUM_PARTS, axis=1):
-        lowest = _refined_minimum(part.sum(axis=1))
+    for part in np.array_split(np.arange(max_shift, len(expected) - max_shift), _NUM_PARTS):
+        lowest = _refined_minimum(_shift_errors(expected, measured, part[0], part[-1] + 1, max_shift))
         if lowest is None:
             return
         shifts.append(lowest - max_shift)

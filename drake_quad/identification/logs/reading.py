@@ -43,7 +43,11 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
         read = read_table
     content = read(log, user_mapping)
     name, columns_mapping = content.mapping
-    remarks = [*content.remarks, f"the mapping is {name}: {columns_mapping.description}".removesuffix(": ")]
+    remarks = [
+        *log.remarks,
+        *content.remarks,
+        f"the mapping is {name}: {columns_mapping.description}".removesuffix(": "),
+    ]
     return record_of(
         content.tables, columns_mapping, name=log.name, mark=log.mark, remarks=remarks, names=content.names
     )

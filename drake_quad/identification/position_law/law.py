@@ -59,6 +59,19 @@ _MAX_HALF_WIDTH = 0.5
 _TYPICAL_INTEGRAL_TIME = 1.0  # s, typical k_p / k_i of a PID
 _NUM_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
+# Units of each parameter if the output of the law is an acceleration, and if it is an angle.
+_UNITS = {
+    "position": ("1/s²", "rad/m"),
+    "velocity": ("1/s", "rad s/m"),
+    "reference_velocity": ("1/s", "rad s/m"),
+    "reference_acceleration": ("1", "rad s²/m"),
+    "integral": ("1/s³", "rad/(m s)"),
+    "displacement": ("1/s²", "rad/m"),
+    "double_integral": ("1/s⁴", "rad/(m s²)"),
+    "delay": ("s", "s"),
+    "filter_time": ("s", "s"),
+    "error_limit": ("m", "m"),
+}
 
 
 @dataclass(frozen=True)
@@ -183,32 +196,12 @@ def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: For
     values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
         name: getattr(fit.shape, name) for name in fit.free
     }
-    units = _units("rad" if form == "tilt" and 2 not in axes else "m/s²")
+    is_angle = form == "tilt" and 2 not in axes
     reaches, freedoms = uncertainty(pieces, axes, fit)
     return {
-        name: Spread(values[name], float(half_width / quantile(freedom)), units[name], float(freedom))
+        name: Spread(values[name], float(half_width / quantile(freedom)), _UNITS[name][is_angle], float(freedom))
         for name, half_width, freedom in zip(values, reaches, freedoms, strict=True)
         if name not in NUISANCE_TERMS
-    }
-
-
-def _units(output: str) -> dict[str, str]:
-    names = {
-        "rad": ("rad/m", "rad s/m", "rad s²/m", "rad/(m s)", "rad/(m s²)"),
-        "m/s²": ("1/s²", "1/s", "1", "1/s³", "1/s⁴"),
-    }
-    position, velocity, acceleration, integral, double_integral = names[output]
-    return {
-        "position": position,
-        "velocity": velocity,
-        "reference_velocity": velocity,
-        "reference_acceleration": acceleration,
-        "integral": integral,
-        "displacement": position,
-        "double_integral": double_integral,
-        "delay": "s",
-        "filter_time": "s",
-        "error_limit": "m",
     }
 
 

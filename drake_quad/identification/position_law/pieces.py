@@ -197,5 +197,4 @@ def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
     """Return the block number (n,) of each counted sample. All blocks have almost the same number of samples."""
     count = sum(int(piece.counted.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
-    number = max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION))
-    return np.arange(count) * number // count
+    return np.arange(count) * max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION)) // count

@@ -129,7 +129,6 @@ class Estimates:
         explained: explained variance by the name of the parameter, if it is known.
         not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
             parameter has an estimate, this is the value of the data sheet, corrected as far as the log allows.
-        remarks: further remarks on the estimates.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
             mean parameters; None if it is unknown.
         flight_variation: variation from one flight to the next, in addition to the variation within a flight; None if
@@ -143,7 +142,6 @@ class Estimates:
     sources: tuple[tuple[Source, ...], ...] | Source
     explained: Mapping[str, Explained] = field(default_factory=dict)
     not_identified: Mapping[str, str] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
     variation: Variation | None = None
     flight_variation: Variation | None = None
 

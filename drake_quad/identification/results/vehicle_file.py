@@ -14,7 +14,7 @@ import math
 import os
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,6 +59,17 @@ class _Entry(NamedTuple):
 
     value: Any
     comment: str = ""
+
+    @property
+    def mean(self) -> float:
+        """The number, or the mean of the normal distribution."""
+        return float(self.value["normal"]["mean"] if isinstance(self.value, dict) else self.value)
+
+    def shifted_to(self, mean: float, comment: str) -> "_Entry":
+        """Return the entry with another mean and an additional comment."""
+        rounded = float(f"{mean:.6g}")
+        value = {"normal": {**self.value["normal"], "mean": rounded}} if isinstance(self.value, dict) else rounded
+        return _Entry(value, "; ".join(filter(None, [self.comment, comment])))
 
 
 def write_vehicle(
@@ -146,30 +157,30 @@ def _fields(
 ) -> dict[str, Any]:
     """Return the scenario as nested mappings with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
-    written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
-    comments = {parameter: _comment(estimates, parameter, written[parameter]) for parameter in estimates.names}
+    values = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
+    written = {parameter: _Entry(value, _comment(estimates, parameter, value)) for parameter, value in values.items()}
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
     for path in dict.fromkeys(split_name(parameter)[0] for parameter in estimates.names):
-        entries = {
-            parameter: _Entry(written[parameter], comments[parameter])
-            for parameter in estimates.names
-            if split_name(parameter)[0] == path
-        }
-        value = (
-            _as_rigid_body(path, _list_entries(path, entries, base)) if declaration_at(path).items else entries[path]
-        )
+        count = declaration_at(path).items
+        names = [f"{path}[{index}]" for index in range(count)] if count else [path]
+        entries = [
+            written[parameter] if parameter in written else _base_entry(base, path, index)
+            for index, parameter in enumerate(names)
+        ]
         *steps, last = field_path(path).split(".")
         node = tree
         for step in steps:
             node = node.setdefault(step, {})
-        node[last] = value
-        if nominal and path in Nominal.model_fields and any(each in estimates.identified for each in entries):
+        node[last] = _as_rigid_body(path, entries) if count else entries[0]
+        is_known = [parameter in estimates.identified for parameter in names]
+        if nominal and path in Nominal.model_fields and any(is_known):
             # The value in `nominal` of an item that is not identified is unchanged.
-            base_scenario: Any = getattr(base.nominal, path)
-            names = [f"{path}[{index}]" for index in range(declaration_at(path).items)]
-            known = {parameter: written[parameter] for parameter in names if parameter in estimates.identified}
-            items = [_Entry(_mean_of(known.get(parameter, base_scenario[i]))) for i, parameter in enumerate(names)]
-            tree["nominal"][path] = _as_rigid_body(path, items) if items else _Entry(_mean_of(written[path]))
+            old = getattr(base.nominal, path) if count else [None]
+            items = [
+                _Entry(entry.mean if known else float(value))
+                for entry, known, value in zip(entries, is_known, old, strict=True)
+            ]
+            tree["nominal"][path] = _as_rigid_body(path, items) if count else items[0]
     for assignment in overrides:
         _add_override(tree, assignment)
     # A thrust curve is written as a whole, since its coefficients are correlated.
@@ -289,16 +300,6 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
     return "; ".join(parts)
 
 
-def _list_entries(path: str, entries: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
-    """Return all items of a list. Items that are not estimated come from the base scenario.
-
-    Raises:
-        InputError: if the base has no such list.
-    """
-    names = [f"{path}[{index}]" for index in range(declaration_at(path).items)]
-    return [entries[name] if name in entries else _base_entry(base, path, index) for index, name in enumerate(names)]
-
-
 def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     """Return an item of a list in the base scenario.
 
@@ -323,22 +324,13 @@ def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
     is_numeric = all(isinstance(item.value, float) or "normal" in item.value for item in items)
     if path != "inertia" or not is_numeric:
         return items
-    moments = [_mean_of(item.value) for item in items]
+    moments = [item.mean for item in items]
     flaw = explain_invalid_inertia(moments)
     if not flaw:
         return items
     remark = f"adjusted to the nearest rigid body: in the estimate, {flaw}"
-    return [
-        _Entry(_shifted(item.value, float(adjusted - estimate)), "; ".join(filter(None, [item.comment, remark])))
-        for item, estimate, adjusted in zip(items, moments, nearest_rigid_inertia(moments), strict=True)
-    ]
-
-
-def _shifted(value: Any, step: float) -> Any:
-    """Return a number or a normal distribution, shifted by a step."""
-    if isinstance(value, dict):
-        return {"normal": {**value["normal"], "mean": _significant(value["normal"]["mean"] + step)}}
-    return _significant(value + step)
+    adjusted = nearest_rigid_inertia(moments).tolist()
+    return [item.shifted_to(mean, remark) for item, mean in zip(items, adjusted, strict=True)]
 
 
 def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
@@ -350,7 +342,7 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
     if "motors" not in tree["vehicle"]:
         return
     curve = tree["vehicle"]["motors"]["curve"]
-    coefficients = [_mean_of(entry.value) for entry in curve]
+    coefficients = [entry.mean for entry in curve]
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
     if voltage is not None:
         tree["vehicle"]["motors"]["voltage"] = _Entry(float(f"{voltage:.5g}"))
@@ -371,14 +363,6 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
         if isinstance(limit, float) and limit < full_speed:
             comment = "higher than at full throttle, so that it does not limit the thrust curve"
             tree[part]["max_rotor_speed"] = _Entry(float(f"{full_speed:.4g}"), comment)
-
-
-def _significant(number: float) -> float:
-    return float(f"{number:.6g}")
-
-
-def _mean_of(value: Any) -> float:
-    return float(value["normal"]["mean"] if isinstance(value, dict) else value)
 
 
 def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
@@ -425,7 +409,7 @@ def _introduction(estimates: Estimates) -> list[str]:
         " variable are correlated."
     )
     not_identified = [f"{name} is not identified: {reason}" for name, reason in estimates.not_identified.items()]
-    return [f"Identified from {', '.join(logs)}. {distributions}", *estimates.remarks, *not_identified]
+    return [f"Identified from {', '.join(logs)}. {distributions}", *not_identified]
 
 
 def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:
@@ -434,25 +418,18 @@ def _wrapped(paragraphs: list[str], width: int = _COMMENT_WIDTH) -> str:
 
 
 def _commented(node: Any, indent: int) -> Any:
-    """Return mappings and lists of entries as YAML with comments."""
+    """Return mappings and lists of entries as YAML with comments. A list without comments is written on one line."""
     if isinstance(node, _Entry):
         return _yaml_node(node.value)
-    if isinstance(node, dict):
-        mapping = CommentedMap({key: _commented(value, indent + 2) for key, value in node.items()})
-        return _with_comments(mapping, node.items(), indent)
-    if any(item.comment for item in node):
-        items = CommentedSeq([_commented(item, indent + 2) for item in node])
-        return _with_comments(items, enumerate(node), indent)
-    sequence = CommentedSeq([item.value for item in node])
-    sequence.fa.set_flow_style()
-    return sequence
-
-
-def _with_comments(container: Any, items: Any, indent: int) -> Any:
-    for key, item in items:
-        if isinstance(item, _Entry) and item.comment:
-            text = _wrapped([item.comment])
-            container.yaml_set_comment_before_after_key(key, before=text, indent=indent)
+    is_mapping = isinstance(node, dict)
+    items = dict(node.items() if is_mapping else enumerate(node))
+    values = {key: _commented(item, indent + 2) for key, item in items.items()}
+    container = CommentedMap(values) if is_mapping else CommentedSeq(values.values())
+    comments = {key: item.comment for key, item in items.items() if isinstance(item, _Entry) and item.comment}
+    for key, comment in comments.items():
+        container.yaml_set_comment_before_after_key(key, before=_wrapped([comment]), indent=indent)
+    if not is_mapping and not comments:
+        container.fa.set_flow_style()
     return container
 
 

@@ -312,7 +312,7 @@ def _open_loop_states(
     # The filter is needed only until the starts. Its gains take most of the time, so its windows end there.
     gains = logs.predictor_in(windows, WindowSizes(1, settle, warm_up), delay=delay).gains(no_parameters, noise)
     predictor = logs.predictor_in(windows, WindowSizes(max(steps), settle, warm_up), delay=delay)
-    at_start, *predicted = predictor.open_loop(no_parameters, gains, noise, steps)
+    at_start, *predicted = predictor.open_loop(no_parameters, gains, steps)
     for signal, row in STATE_ROWS.items():
         if signal not in logs.signals:
             rows = slice(row, row + 3)

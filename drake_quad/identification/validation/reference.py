@@ -69,9 +69,7 @@ class LoggedReference(NamedTuple):
         )
 
 
-def logged_reference(
-    record: FlightRecord, *, rest: float = 0.0, tolerance: float = TOLERANCE, lift_off: int | None = None
-) -> LoggedReference:
+def logged_reference(record: FlightRecord, *, rest: float = 0.0, lift_off: int | None = None) -> LoggedReference:
     """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
@@ -96,20 +94,21 @@ def logged_reference(
     Args:
         record: record of a flight, with the position of the reference.
         rest: duration of the rest before the first sample, s.
-        tolerance: largest distance from the logged position, m.
         lift_off: index of the sample at which the vehicle leaves the ground; None if the log begins in the air.
 
     Raises:
         InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
             if the reference jumps and its velocity is logged.
     """
-    if record.reference_velocity is None and lift_off is not None and _is_far(record, lift_off):
-        return _setpoint_reference(record, rest, lift_off)
+    if record.reference_velocity is None and lift_off is not None:
+        distance = record.of("reference_position")[lift_off] - record.of("position")[lift_off]
+        if np.linalg.norm(distance) > _MAX_LIFT_OFF_DISTANCE:
+            return _setpoint_reference(record, rest, lift_off)
     begin = 0.0 if lift_off is None else float(record.time[lift_off])
     flight = record.subset(slice(lift_off, None))
     flight = _as_logged(replace(flight, time=flight.time - begin))
     try:
-        path, deviation, velocity_deviation = _smooth_path(flight, tolerance, begin)
+        path, deviation, velocity_deviation = _smooth_path(flight, begin)
     except InputError:
         if record.reference_velocity is None:
             return _setpoint_reference(record, rest, lift_off)
@@ -117,7 +116,7 @@ def logged_reference(
     knots = _knots(path)
     if rest > 0.0:
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
-    elif np.linalg.norm(knots[0].velocity) > tolerance:
+    elif np.linalg.norm(knots[0].velocity) > TOLERANCE:
         raise InputError(
             f"the reference of the log {short_repr(record.name)} already moves at its first sample; rest must be"
             " larger than 0"
@@ -126,12 +125,11 @@ def logged_reference(
     return LoggedReference(route, rest - begin, begin + float(flight.time[-1]), deviation, velocity_deviation)
 
 
-def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[PolynomialPath, float, float | None]:
+def _smooth_path(record: FlightRecord, begin: float) -> tuple[PolynomialPath, float, float | None]:
     """Return the path through a reference, with `deviation` and `velocity_deviation` of `LoggedReference`.
 
     Args:
         record: record whose time begins at 0.
-        tolerance: largest distance from the logged position, m.
         begin: time in the log at which the record begins, s.
 
     Raises:
@@ -146,17 +144,18 @@ def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[
     time, *samples = _without_repetitions(record.time, logged)
     end, slow = float(record.time[-1]), is_slow(record)
     for fitted in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
-        path, distance = _closest_path(time, fitted, end=end, tolerance=tolerance, at_rest=at_rest)
-        if distance.max() <= tolerance:
+        path, distance = _closest_path(time, fitted, end=end, at_rest=at_rest)
+        if distance.max() <= TOLERANCE:
             break
     else:
         worst = int(np.argmax(distance))
         raise InputError(
-            f"no smooth path fits the reference of the log {short_repr(record.name)} to within {1e3 * tolerance:g} mm:"
+            f"no smooth path fits the reference of the log {short_repr(record.name)} to within {1e3 * TOLERANCE:g} mm:"
             f" the best fit is off by {1e3 * distance[worst]:.1f} mm at {begin + time[worst]:.3f} s; a possible cause"
             " is a jump of the reference"
         )
-    max_acceleration = _max_acceleration(path)
+    times = np.linspace(path.times[0], path.times[-1], 8 * len(path.times))
+    max_acceleration = float(np.linalg.norm(evaluate(path, times, 2), axis=0).max())
     if slow and max_acceleration > _MAX_ACCELERATION:
         raise InputError(
             f"the reference of the log {short_repr(record.name)} cannot be flown: between samples that are"
@@ -169,14 +168,8 @@ def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[
     return path, float(distance.max()), float(difference.max())
 
 
-def _is_far(record: FlightRecord, lift_off: int) -> bool:
-    """Return whether the reference is far away from the vehicle at the lift-off."""
-    distance = record.of("reference_position")[lift_off] - record.of("position")[lift_off]
-    return bool(np.linalg.norm(distance) > _MAX_LIFT_OFF_DISTANCE)
-
-
 def _closest_path(
-    time: np.ndarray, samples: list[np.ndarray], *, end: float, tolerance: float, at_rest: bool
+    time: np.ndarray, samples: list[np.ndarray], *, end: float, at_rest: bool
 ) -> tuple[PolynomialPath, np.ndarray]:
     """Return the path with the largest knot spacing within the tolerance, and its distances (n,) to the positions.
 
@@ -185,14 +178,9 @@ def _closest_path(
     for spacing in _KNOT_SPACINGS:
         path = _fitted_path(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
         distance = np.linalg.norm(evaluate(path, time).T - samples[0], axis=1)
-        if distance.max() <= tolerance:
+        if distance.max() <= TOLERANCE:
             break
     return path, distance
-
-
-def _max_acceleration(path: PolynomialPath) -> float:
-    times = np.linspace(path.times[0], path.times[-1], 8 * len(path.times))
-    return float(np.linalg.norm(evaluate(path, times, 2), axis=0).max())
 
 
 def is_slow(record: FlightRecord) -> bool:

@@ -7,7 +7,13 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    other_vehicle_remarks,
+)
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_error_output, without_prints
@@ -76,15 +82,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     name, mapping = user_mapping or load_mapping("ardupilot")
     parameters = _parameters(log, formats, offsets)
     frame = int(parameters.get("FRAME_CLASS", _QUADROTOR))
-    remarks = [*log.remarks]
-    if frame in _OTHER_FRAMES:
-        other = _OTHER_FRAMES[frame]
-        if user_mapping is None:
-            raise InputError(
-                f"{log.mark}: is a log of {other}, not of a quadrotor; to read it, give a mapping from columns to"
-                " signals"
-            )
-        remarks.append(f"the log is of {other}")
+    remarks = other_vehicle_remarks(log, _OTHER_FRAMES.get(frame, ""), user_mapping)
     if int(parameters.get("FRAME_TYPE", parameters.get("FRAME", _X_LAYOUT))) != _X_LAYOUT:
         remarks.append("the rotors are numbered as in an x layout, but FRAME_TYPE states another layout")
     mapped = {each.partition(".")[0] for each in mapping.names}

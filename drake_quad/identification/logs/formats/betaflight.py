@@ -34,7 +34,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
         raise InputError(f"{log.mark}: is a Betaflight log whose first line is damaged")
     longest = max(range(len(flights)), key=lambda i: flights[i][1] - flights[i][0])
     flight = log.read_by_library("a Betaflight log", lambda: _decoded(decoder, log.data, *flights[longest]))
-    remarks = [*log.remarks]
+    remarks = []
     if len(flights) > 1:
         remarks.append(f"the log has {len(flights)} flights; only the longest is read, number {longest + 1}")
     damaged = sum(each["corrupt"] + each["desync"] for each in flight.stats["frame"].values())

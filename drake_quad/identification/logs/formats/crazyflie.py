@@ -155,7 +155,7 @@ def _record_offsets(
     offsets: dict[int, list[int]] = {number: [] for number in event_types}
     for offset in bounds[:-1]:
         offsets[data[offset] | data[offset + 1] << 8].append(offset)
-    return offsets, [*log.remarks, *remarks]
+    return offsets, remarks
 
 
 def _bounds(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[int]:

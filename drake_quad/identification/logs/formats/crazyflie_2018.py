@@ -45,7 +45,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
         formats.append(f"<{column[2].decode()}")
         offset = column.end()
     layout = np.dtype({"names": [str(i) for i in range(len(names))], "formats": formats})
-    remarks = [*log.remarks]
+    remarks = []
     if not _has_checksum(data, 0, offset):
         remarks.append("the checksum of the list of columns is wrong: the log is damaged")
     blocks, end, num_damaged = _blocks(data, offset + _CHECKSUM_SIZE, layout)

@@ -17,7 +17,7 @@ class LogContent(NamedTuple):
     Attributes:
         tables: tables of the log.
         mapping: name of the mapping, and the mapping from columns to signals.
-        remarks: remarks on the log.
+        remarks: remarks on the log, other than `LogFile.remarks`.
         names: names of columns in the log that are not in the tables.
     """
 
@@ -43,6 +43,20 @@ class LogFormat(NamedTuple):
 
 FORMATS: list[LogFormat] = []
 """Registered formats. A format is a module in this folder that appends itself to the list."""
+
+
+def other_vehicle_remarks(log: LogFile, other_type: str, user_mapping: NamedMapping | None) -> list[str]:
+    """Return a remark on the type of a vehicle that is not a quadrotor. An empty type is that of a quadrotor.
+
+    Raises:
+        InputError: if the vehicle is not a quadrotor, and the user selected no mapping.
+    """
+    if other_type and user_mapping is None:
+        raise InputError(
+            f"{log.mark}: is a log of {other_type}, not of a quadrotor; to read it, give a mapping from columns to"
+            " signals"
+        )
+    return [f"the log is of {other_type}"] if other_type else []
 
 
 def best_mapping(

@@ -53,7 +53,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     if time is None or time.ndim != 1 or not lengths:
         raise InputError(f"{log.mark}: {mapping.time.column} must be a vector of times")
     columns: dict[str, np.ndarray] = {}
-    remarks = [*log.remarks]
+    remarks = []
     for each, values in variables.items():
         rows = values if values.shape[0] == len(time) else values.T
         if rows.shape[0] != len(time):

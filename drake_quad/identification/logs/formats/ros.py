@@ -126,7 +126,7 @@ def _content(
     topics: dict[str, _Rows] = {}
     unread: set[str] = set()
     undecoded: set[str] = set()
-    remarks = [*log.remarks]
+    remarks = []
     try:
         for message in messages:
             fields = needed.get(message.topic, []) + needed.get(message.type_name, [])

@@ -56,7 +56,7 @@ def read_table(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     return LogContent(
         [Table("", time, columns)],
         (name, mapping),
-        (*log.remarks, *unread, *remarks),
+        (*unread, *remarks),
         tuple(each for each in names if each),
     )
 
@@ -118,6 +118,7 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
         )
     if rows and not text.endswith(("\n", "\r")):
         rows.pop()
+        lines.pop()
         remarks.append("the last row is left out: its line has no end, so it may be truncated")
     if len(rows) < 2:
         raise InputError(f"{log.mark}: has fewer than two rows of {len(header)} cells below the column names")
@@ -126,15 +127,17 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
 
 def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int], width: int | None) -> np.ndarray:
     """Return a column of numbers (rows,), or of vectors (rows, width); empty cells become NaN."""
-    try:
-        if width is None:
-            return np.array([parse_float(cell) if cell else np.nan for cell in cells])
-        return np.array([_vector(cell, width) for cell in cells])
-    except ValueError:
-        row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
-    expected = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
-    mark = log.mark._replace(line=lines[row])
-    raise InputError(f"{mark}: {short_repr(name)} is {short_repr(cells[row])}, but must be {expected}")
+    values: list[float | list[float]] = []
+    for cell, line in zip(cells, lines, strict=True):
+        try:
+            values.append(_vector(cell, width) if width else parse_float(cell) if cell else np.nan)
+        except ValueError:
+            vector = f"{width} numbers as [a, b, ...]" if width and width > 1 else "a number, as [a]"
+            raise InputError(
+                f"{log.mark._replace(line=line)}: {short_repr(name)} is {short_repr(cell)}, but must be"
+                f" {vector if width else 'a number'}"
+            ) from None
+    return np.array(values)
 
 
 def _vector(cell: str, width: int) -> list[float]:
@@ -142,14 +145,3 @@ def _vector(cell: str, width: int) -> list[float]:
     if parts and len(parts) != width:
         raise ValueError
     return parts or [np.nan] * width
-
-
-def _readable(cell: str, width: int | None) -> bool:
-    try:
-        if width is not None:
-            _vector(cell, width)
-        elif cell:
-            parse_float(cell)
-    except ValueError:
-        return False
-    return True

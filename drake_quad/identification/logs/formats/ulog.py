@@ -8,7 +8,13 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.identification.logs.conversion import Table
-from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
+from drake_quad.identification.logs.formats.log_format import (
+    FORMATS,
+    LogContent,
+    LogFormat,
+    NamedMapping,
+    other_vehicle_remarks,
+)
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.px4_status import (
     STATUS_TOPICS,
@@ -65,7 +71,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     name, mapping = user_mapping or load_mapping("px4")
     topics = {name.partition(".")[0] for name in mapping.names}
     chain = _chain_of(log)
-    remarks = [*log.remarks, *chain.remarks]
+    remarks = [*chain.remarks]
     try:
         parsed = _parsed(log, log.data[: log.written_size if chain.may_continue else chain.end], topics)
     except InputError:
@@ -81,20 +87,12 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     }
     parameters = parsed.initial_parameters
     other_type = other_vehicle(parameters, first_instances.get("vehicle_status"))
-    if other_type and user_mapping is None:
-        raise InputError(
-            f"{log.mark}: is a log of {other_type}, not of a quadrotor; to read it, give a mapping from columns to"
-            " signals"
-        )
+    vehicle_remarks = other_vehicle_remarks(log, other_type, user_mapping)
     mapped = {name: data for name, data in first_instances.items() if name in topics}
     if not mapped:
         raise InputError(f"{log.mark}: is a ULog without any of the topics {', '.join(sorted(topics))}")
     start = min(int(data["timestamp"][0]) for data in mapped.values())
-    remarks += [
-        *([f"the log is of {other_type}"] if other_type else []),
-        *_dropouts(parsed),
-        *status_remarks(first_instances, start),
-    ]
+    remarks += [*vehicle_remarks, *_dropouts(parsed), *status_remarks(first_instances, start)]
     tables = []
     for topic, data in mapped.items():
         if topic == "actuator_outputs":
