@@ -11,7 +11,7 @@ from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import overrides_from_arguments, resolve_output_folder
 from drake_quad.command_line.output import flying_command, print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
-from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
+from drake_quad.design.firmware.parameters import FirmwareParameters, default_parameters, read_parameters
 from drake_quad.files import output_folder, write_atomically, write_text
 from drake_quad.flight.mission import plan_route
 from drake_quad.scenario.files.loading import load_undesigned
@@ -31,7 +31,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
             route.
     """
     name, overrides = arguments.firmware, overrides_from_arguments(arguments)
-    parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
+    parameters = default_parameters(name) if name in FIRMWARE else read_parameters(Path(name))
     scenario = load_undesigned(arguments.scenario, overrides)
     layer = firmware_layer(parameters, scenario)
     folder = output_folder(resolve_output_folder(arguments, scenario))

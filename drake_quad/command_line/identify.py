@@ -264,7 +264,7 @@ def print_estimates(identification: Identification) -> None:
     for name, value, half_width, new_flight_half_width, varies, unit in columns:
         if name in estimates.not_identified:
             continue
-        explained = estimates.explained.get(name)
+        explained = estimates.explained_variance.get(name)
         fraction = (
             ""
             if explained is None or explained.fraction < 5e-4
@@ -331,7 +331,7 @@ def print_score(identification: Identification) -> None:
     rows = [
         (
             output.name,
-            variance_text(output.explained),
+            variance_text(output.explained_variance),
             f"{np.sqrt(np.mean(output.residual**2)):.2g}",
             f"{output.deviation:.2g}",
             output.unit,

@@ -87,7 +87,7 @@ def print_law(law: PositionLaw) -> None:
     print_columns(("axis", "gain", "value", "unit"), rows)
     for axis in law.axes:
         names = " and ".join(axis.axes)
-        print(f"{names}: the law explains {100.0 * axis.explained:.2f} % of the variance of the command")
+        print(f"{names}: the law explains {100.0 * axis.explained_variance:.2f} % of the variance of the command")
         if axis.at_error_limit:
             print(f"{names}: the position error is limited in {100.0 * axis.at_error_limit:.1f} % of the samples")
         for name, why in axis.not_identified.items():

@@ -17,7 +17,7 @@ from drake_quad.command_line.options import (
     scenario_from_arguments,
 )
 from drake_quad.command_line.output import print_columns, print_files, print_margins
-from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
+from drake_quad.design.tuning import Budget, LoopLimit, TuningParameter, tune, with_parameter_values
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import median_scenario
@@ -68,12 +68,12 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_from_arguments(arguments)
     print_flight_remarks([scenario])
     specs = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
-    knobs = [knob_of(text, scenario) for text in specs]
+    knobs = [parse_tuning_parameter(text, scenario) for text in specs]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
     folder = output_folder(resolve_output_folder(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
-    result = tune([scenario], knobs, limit.limit_fractions, budget=budget)
-    tuned = with_numbers(scenario, knobs, result.values)
+    result = tune([scenario], knobs, limit.margin_ratios, budget=budget)
+    tuned = with_parameter_values(scenario, knobs, result.values)
     file = write_atomically(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
     rows = [
         (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
@@ -90,14 +90,14 @@ def main(arguments: argparse.Namespace) -> None:
     print_columns(("", "before", "tuned"), rows)
     print()
     print_margins(link_margins(median_scenario(tuned)))
-    if result.limit_fraction < 1.0:
+    if result.min_margin_ratio < 1.0:
         print(
-            f"\nno candidate meets the limits; the best candidate meets {100.0 * result.limit_fraction:.0f} % of them"
+            f"\nno candidate meets the limits; the best candidate meets {100.0 * result.min_margin_ratio:.0f} % of them"
         )
     print_files([file])
 
 
-def knob_of(text: str, scenario: Scenario) -> Knob:
+def parse_tuning_parameter(text: str, scenario: Scenario) -> TuningParameter:
     """Return the parameter and its range from a value of `--tune`."""
     fields, _, limits = text.partition("=")
     paths = tuple(fields.split(","))
@@ -106,10 +106,10 @@ def knob_of(text: str, scenario: Scenario) -> Knob:
         if not path.startswith("control.") or not isinstance(value, float) or not value > 0.0:
             raise InputError(f"--tune {path}: must be a field of `control` whose value is a number above 0")
     if not limits:
-        return Knob(paths, values[0] / _DEFAULT_RANGE_FACTOR, values[0] * _DEFAULT_RANGE_FACTOR)
+        return TuningParameter(paths, values[0] / _DEFAULT_RANGE_FACTOR, values[0] * _DEFAULT_RANGE_FACTOR)
     low, _, high = limits.partition(":")
     try:
-        knob = Knob(paths, float(low), float(high))
+        knob = TuningParameter(paths, float(low), float(high))
     except ValueError:
         raise InputError(f"--tune has the range {limits}; write it as LOW:HIGH with two numbers") from None
     if not 0.0 < knob.low < knob.high:

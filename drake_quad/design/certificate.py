@@ -111,13 +111,13 @@ class Certificate:
 
 
 def certify_hover(
-    scenario: Scenario, *, own: UserSystems = UserSystems(), progress: Callable[[int, str], None] | None = None
+    scenario: Scenario, *, user_systems: UserSystems = UserSystems(), progress: Callable[[int, str], None] | None = None
 ) -> Certificate:
     """Return the certificate of a scenario's loop, whose random choices follow from the seed of the scenario.
 
     Args:
         scenario: scenario with distributions.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         progress: function that is called with numbers of loops and a description of the present step.
 
     Raises:
@@ -126,7 +126,7 @@ def certify_hover(
     """
     stable_scale, num_cells = 0.0, 0
     with single_threaded_blas():
-        hover = UncertainHover(scenario, own, progress or (lambda count, step: None))
+        hover = UncertainHover(scenario, user_systems, progress or (lambda count, step: None))
         centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
         if not is_unstable(centre).any():
             _search(hover)

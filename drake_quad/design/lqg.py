@@ -205,7 +205,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         InputError: if no design is stable for the nominal plant, or the yaw PD cannot be designed.
     """
     on_board = scenario.laboratory.autopilot.controls_attitude
-    plants, conditions = plants_of(scenario), conditions_of(scenario)
+    plants, conditions = considered_plants(scenario), flight_conditions(scenario)
     nominal, *_ = plants
     timings = candidate_timings(scenario, plants)
     gravity = scenario.nominal.gravity
@@ -286,7 +286,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
     return design
 
 
-def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
+def considered_plants(scenario: Scenario) -> tuple[Plant, ...]:
     """Return the plants that a design considers: the nominal plant, and corner plants around it.
 
     Each corner plant has extreme values of the uncertain fields. They are the 10th and 90th percentiles of a field with
@@ -340,7 +340,7 @@ def candidate_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timin
     return [Timing(cameras.period, link.period, ticks) for ticks in sorted({round(mean), math.ceil(mean)})]
 
 
-def conditions_of(scenario: Scenario) -> Conditions:
+def flight_conditions(scenario: Scenario) -> Conditions:
     """Return the disturbances, sampled along the plan of a scenario, its noise and its loss rate."""
     batch = Batch.draw(scenario, range(_NUM_WIND_SAMPLES))
     disturbed = disturbances_along(batch, plan_route(scenario))

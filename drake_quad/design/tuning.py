@@ -35,18 +35,18 @@ _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm,
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
 # Weight of the penalty for a violated limit: logarithm of the error per logarithm of the violated ratio.
 _PENALTY = 4.0
-# Assumed prediction error of a ratio from `limit_fractions` in the first round: error of its logarithm per distance
+# Assumed prediction error of a ratio from `margin_ratios` in the first round: error of its logarithm per distance
 # from the nearest evaluated point, where the width of the box is 1.
 _INITIAL_UNCERTAINTY = 0.5
 # Reserve that is kept to a limit, as the logarithm of the ratio, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
 # Initial step of each local search, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
-# Ratios from `limit_fractions` are clipped to this range before they are interpolated.
+# Ratios from `margin_ratios` are clipped to this range before they are interpolated.
 _FRACTION_RANGE = (0.2, 1.5)
 
 
-class Knob(NamedTuple):
+class TuningParameter(NamedTuple):
     """Parameter that is tuned within a range.
 
     Attributes:
@@ -94,7 +94,7 @@ class LoopLimit(NamedTuple):
     sensitivity: float = 2.2
     delay: float = 0.05
 
-    def limit_fractions(self, scenario: Scenario) -> np.ndarray:
+    def margin_ratios(self, scenario: Scenario) -> np.ndarray:
         """Return how well the loops of a scenario meet the limits, as ratios; a single 0 if a loop is unstable.
 
         Each ratio compares a margin with its limit. A ratio of 1 or more means that the limit is met. Distributions are
@@ -113,19 +113,19 @@ class TuningResult(NamedTuple):
     Attributes:
         values: tuned values, in the order of the knobs.
         error: mean RMSE on the training samples, where a crash counts as 1 to 2 m, m.
-        limit_fraction: smallest ratio of a margin to its limit; 1 or more if all limits are met, infinite without
+        min_margin_ratio: smallest ratio of a margin to its limit; 1 or more if all limits are met, infinite without
             limits.
     """
 
     values: tuple[float, ...]
     error: float
-    limit_fraction: float
+    min_margin_ratio: float
 
 
 def tune(
     scenarios: Sequence[Scenario],
-    knobs: Sequence[Knob],
-    limit_fractions: Callable[[Scenario], np.ndarray] | None,
+    knobs: Sequence[TuningParameter],
+    margin_ratios: Callable[[Scenario], np.ndarray] | None,
     *,
     budget: Budget = Budget(),
     first_sample: int = 0,
@@ -143,8 +143,8 @@ def tune(
         scenarios: laboratories with the controller, whose present parameters are ignored. The limit is evaluated in the
             first laboratory.
         knobs: parameters to tune, with their ranges.
-        limit_fractions: function that returns how well the loops of a scenario meet the limits, such as
-            `LoopLimit.limit_fractions`; None without a limit.
+        margin_ratios: function that returns how well the loops of a scenario meet the limits, such as
+            `LoopLimit.margin_ratios`; None without a limit.
         budget: budget of the search.
         first_sample: first of the consecutive training samples.
         seed: seed of the search.
@@ -167,17 +167,17 @@ def tune(
         search = _GainSearch(
             [knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, extra_latency
         )
-        best = search.run([with_numbers(each, knobs, numbers) for each in scenarios], limit_fractions, progress)
+        best = search.run([with_parameter_values(each, knobs, numbers) for each in scenarios], margin_ratios, progress)
         for i, number in zip(stage, best.values, strict=True):
             numbers[i] = number
     best = best._replace(values=tuple(numbers))
     trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, extra_latency)
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
-        fraction = math.inf if limit_fractions is None else float(limit_fractions(trial.scenario(point)).min())
+        fraction = math.inf if margin_ratios is None else float(margin_ratios(trial.scenario(point)).min())
         best = _better(best, TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), fraction))
     for radius in _LOCAL_STEPS:
-        best = _better(best, _local_search(trial, best, limit_fractions, radius, budget.steps))
+        best = _better(best, _local_search(trial, best, margin_ratios, radius, budget.steps))
         if progress is not None:
             progress()
     return best
@@ -186,7 +186,7 @@ def tune(
 def _local_search(
     trial: "_Trial",
     start: TuningResult,
-    limit_fractions: Callable[[Scenario], np.ndarray] | None,
+    margin_ratios: Callable[[Scenario], np.ndarray] | None,
     radius: float,
     steps: int,
 ) -> TuningResult:
@@ -196,12 +196,12 @@ def _local_search(
     unlimited = np.array([math.inf])
 
     def evaluated(point: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the logarithms of the error and of the ratios from `limit_fractions`."""
+        """Return the logarithms of the error and of the ratios from `margin_ratios`."""
         nonlocal best
         point = np.clip(point, 0.0, 1.0)
         if point.tobytes() not in tried:
             error = float(trial.errors(point[np.newaxis])[0])
-            fractions = unlimited if limit_fractions is None else limit_fractions(trial.scenario(point))
+            fractions = unlimited if margin_ratios is None else margin_ratios(trial.scenario(point))
             best = _better(best, TuningResult(trial.values(point), error, float(fractions.min())))
             tried[point.tobytes()] = math.log(error), _near_limit(fractions, max(count, len(fractions)))
         return tried[point.tobytes()]
@@ -221,7 +221,7 @@ def _local_search(
 class _GainSearch(NamedTuple):
     """Search by the cross-entropy method for several parameters at once."""
 
-    knobs: Sequence[Knob]
+    knobs: Sequence[TuningParameter]
     budget: Budget
     first_sample: int
     seed: int
@@ -230,7 +230,7 @@ class _GainSearch(NamedTuple):
     def run(
         self,
         scenarios: Sequence[Scenario],
-        limit_fractions: Callable[[Scenario], np.ndarray] | None,
+        margin_ratios: Callable[[Scenario], np.ndarray] | None,
         progress: Callable[[], None] | None,
     ) -> TuningResult:
         """Return the best candidate; the arguments are as in `tune`."""
@@ -245,11 +245,11 @@ class _GainSearch(NamedTuple):
             errors = trial.errors(points)
             uncertainty = _INITIAL_UNCERTAINTY * (1.0 - number / self.budget.rounds)
             order = np.argsort(np.log(errors) + evaluated.penalties(points, uncertainty))
-            if limit_fractions is None:
+            if margin_ratios is None:
                 best = _better(best, TuningResult(trial.values(points[order[0]]), float(errors[order[0]]), math.inf))
             else:
                 for i in order[: self.budget.checks * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
-                    fractions = limit_fractions(trial.scenario(points[i]))
+                    fractions = margin_ratios(trial.scenario(points[i]))
                     evaluated.add(points[i], fractions)
                     best = _better(
                         best, TuningResult(trial.values(points[i]), float(errors[i]), float(fractions.min()))
@@ -270,7 +270,7 @@ class _Trial:
     def __init__(
         self,
         scenarios: Sequence[Scenario],
-        knobs: Sequence[Knob],
+        knobs: Sequence[TuningParameter],
         budget: Budget,
         first_sample: int,
         extra_latency: float,
@@ -298,7 +298,7 @@ class _Trial:
 
     def scenario(self, point: np.ndarray) -> Scenario:
         """Return the first scenario with the knob values of a point."""
-        return with_numbers(self._scenarios[0], self._knobs, self.values(point))
+        return with_parameter_values(self._scenarios[0], self._knobs, self.values(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
         """Return the mean error of the candidate at each point, (count,), m."""
@@ -362,7 +362,7 @@ def with_extra_latency(scenario: Scenario, extra_latency: float) -> Scenario:
     return map_leaves(scenario, with_added_frames)
 
 
-def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
+def with_parameter_values(scenario: Scenario, knobs: Sequence[TuningParameter], numbers: Sequence[float]) -> Scenario:
     """Return the scenario with given knob values."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
     return map_leaves(scenario, lambda path, value: values.get(path, value))
@@ -382,7 +382,7 @@ def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
 
 
 class _EvaluatedPoints:
-    """Points at which a search has evaluated the limits, with the ratios from `limit_fractions`."""
+    """Points at which a search has evaluated the limits, with the ratios from `margin_ratios`."""
 
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
@@ -415,7 +415,7 @@ class _EvaluatedPoints:
 
 
 def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
-    """Return the logarithms (count,) of clipped ratios from `limit_fractions`.
+    """Return the logarithms (count,) of clipped ratios from `margin_ratios`.
 
     The single ratio of an unstable loop is repeated. Far from the limits, the ratios are discontinuous, and the search
     does not need their exact values.
@@ -425,4 +425,4 @@ def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:
     """Return the candidate with the smaller error if both meet the limits, or else the one closer to the limits."""
-    return min(first, second, key=lambda each: (-min(each.limit_fraction, 1.0), each.error))
+    return min(first, second, key=lambda each: (-min(each.min_margin_ratio, 1.0), each.error))

@@ -111,7 +111,7 @@ class UncertainHover:
 
     Args:
         scenario: scenario with distributions. Random choices follow from its seed.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         progress: function that is called with numbers of loops and a description of the present step.
 
     Attributes:
@@ -129,7 +129,7 @@ class UncertainHover:
             at 1 at the centre of the ranges.
     """
 
-    def __init__(self, scenario: Scenario, own: UserSystems, progress: Callable[[int, str], None]) -> None:
+    def __init__(self, scenario: Scenario, user_systems: UserSystems, progress: Callable[[int, str], None]) -> None:
         self._progress, self.num_loops = progress, 0
         self.generator = np.random.default_rng(scenario.seed)
         self.unstable = self.lost = Failure(math.inf, {})
@@ -140,7 +140,7 @@ class UncertainHover:
                 " certify; give one, such as vehicle.mass"
             )
         hovering = symmetric_hover(at_rest(median_scenario(scenario)))
-        if own == UserSystems():
+        if user_systems == UserSystems():
             decoupled_loop(hovering)  # raises InputError if the loop has no linear model
         self.combinations = np.array([*product(*(choice.values for choice in self.choices))])
         if len(self.combinations) > _MAX_CHOICES:
@@ -148,7 +148,7 @@ class UncertainHover:
                 f"{scenario.name} has {len(self.combinations)} combinations of discrete values, but at most"
                 f" {_MAX_CHOICES} can be certified"
             )
-        self._fleet = self._fleet_of(hovering, own)
+        self._fleet = self._fleet_of(hovering, user_systems)
         self._check_centre(scenario.name)
         loops = self._probes()
         sizes = np.abs(loops).max(axis=-1, keepdims=True)
@@ -286,9 +286,11 @@ class UncertainHover:
             z.append(np.clip(each.scaled(values), *ends))
         return np.stack(z, axis=1)
 
-    def _fleet_of(self, hovering: Scenario, own: UserSystems) -> HoverFleet:
+    def _fleet_of(self, hovering: Scenario, user_systems: UserSystems) -> HoverFleet:
         return HoverFleet(
-            hovering, [*(each.field for each in self.ranges), *(each.field for each in self.choices)], own=own
+            hovering,
+            [*(each.field for each in self.ranges), *(each.field for each in self.choices)],
+            user_systems=user_systems,
         )
 
     def _values(self, z: np.ndarray) -> np.ndarray:
@@ -367,7 +369,7 @@ class UncertainHover:
         hovering = map_leaves(self._fleet.resting, lambda path, value: centres.get(path, value))
         self.left_out = (*self.left_out, *(each.path for each in removed))
         self.ranges = tuple(each for each in self.ranges if each not in removed)
-        self._fleet = self._fleet_of(hovering, self._fleet.own)
+        self._fleet = self._fleet_of(hovering, self._fleet.user_systems)
 
 
 def is_unstable(radii: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drake_quad.evaluation.entries import NETWORK_BASES, POSITION_NETWORK_BASES, entries_of
+from drake_quad.evaluation.entries import NETWORK_BASES, POSITION_NETWORK_BASES, controller_entries
 from drake_quad.evaluation.families import FAMILY_OF
 from drake_quad.evaluation.results import (
     LAPS_LABORATORY,
@@ -30,7 +30,7 @@ class _ControllerNames(dict[str, str]):
 
 
 CONTROLLER_NAMES = _ControllerNames(
-    {name: entry.label for name, entry in entries_of(on_board=False, maps=True).items()}
+    {name: entry.label for name, entry in controller_entries(on_board=False, maps=True).items()}
 )
 
 

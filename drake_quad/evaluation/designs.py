@@ -17,7 +17,7 @@ def design_file(diagrams: Path, family: str) -> Path:
     return diagrams / "controllers" / "designed" / f"{family}.yaml"
 
 
-def designs_in(path: Path) -> CommentedMap:
+def read_designs(path: Path) -> CommentedMap:
     """Return the designs in a file, by name; an empty mapping if the file does not exist.
 
     Raises:
@@ -40,7 +40,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[
         comments: comment for the line with the name of each design, by name.
         header: new comment at the top of the file; if empty, the existing comment is kept.
     """
-    tree = designs_in(path)
+    tree = read_designs(path)
     for name, design in designs.items():
         tree[name] = _in_flow_style(design)
         if name in comments:

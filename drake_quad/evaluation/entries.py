@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from typing import Any, NamedTuple
 
-from drake_quad.design.tuning import Knob
+from drake_quad.design.tuning import TuningParameter
 from drake_quad.scenario.paths import split_path
 
 Tree = dict[str, Any]
@@ -32,7 +32,7 @@ class ControllerEntry(NamedTuple):
     label: str
     plant_knowledge: str
     control: Tree = {}  # noqa: RUF012 - the default is never modified
-    knobs: tuple[Knob, ...] = ()
+    knobs: tuple[TuningParameter, ...] = ()
     base: str = ""
     trained_in_laps: bool = False
     uncompiled: bool = False
@@ -71,7 +71,7 @@ NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
 
 
-def entries_of(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
+def controller_entries(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
     """Return all controllers by their names in files. Each controller with a network follows its base controller.
 
     Args:
@@ -99,28 +99,34 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
     """Return the controllers without a network, by name."""
     mass_only, estimator = "–", "delay (the lag of the thrust is tuned)"
     position_knobs = (
-        Knob(_horizontal_paths("position.k_p"), 0.3, 12.0),
-        Knob(_horizontal_paths("position.k_d"), 0.5, 8.0),
-        Knob(("control.position.k_p.2",), 1.0, 40.0),
-        Knob(("control.position.k_d.2",), 1.0, 15.0),
+        TuningParameter(_horizontal_paths("position.k_p"), 0.3, 12.0),
+        TuningParameter(_horizontal_paths("position.k_d"), 0.5, 8.0),
+        TuningParameter(("control.position.k_p.2",), 1.0, 40.0),
+        TuningParameter(("control.position.k_d.2",), 1.0, 15.0),
     )
     attitude_knobs = (
         ()
         if on_board
-        else (Knob(_horizontal_paths("attitude.k_p"), 3.0, 60.0), Knob(_horizontal_paths("attitude.k_d"), 2.0, 20.0))
+        else (
+            TuningParameter(_horizontal_paths("attitude.k_p"), 3.0, 60.0),
+            TuningParameter(_horizontal_paths("attitude.k_d"), 2.0, 20.0),
+        )
     )
     knobs = (*attitude_knobs, *position_knobs)
-    integral = (Knob(_horizontal_paths("position.k_i"), 0.05, 5.0), Knob(("control.position.k_i.2",), 0.05, 10.0))
-    lag = Knob(("control.position.response.lag",), 0.02, 0.4)
+    integral = (
+        TuningParameter(_horizontal_paths("position.k_i"), 0.05, 5.0),
+        TuningParameter(("control.position.k_i.2",), 0.05, 10.0),
+    )
+    lag = TuningParameter(("control.position.response.lag",), 0.02, 0.4)
     bandwidth = (
-        Knob(_horizontal_paths("position.bandwidth"), 0.5, 60.0),
-        Knob(("control.position.bandwidth.2",), 0.2, 30.0),
+        TuningParameter(_horizontal_paths("position.bandwidth"), 0.5, 60.0),
+        TuningParameter(("control.position.bandwidth.2",), 0.2, 30.0),
     )
     deviation = (
-        Knob(_horizontal_paths("position.deviation"), 0.05, 20.0),
-        Knob(("control.position.deviation.2",), 0.001, 5.0),
+        TuningParameter(_horizontal_paths("position.deviation"), 0.05, 20.0),
+        TuningParameter(("control.position.deviation.2",), 0.001, 5.0),
     )
-    attitude_bandwidth = () if on_board else (Knob(("control.attitude.bandwidth",), 0.1, 5.0),)
+    attitude_bandwidth = () if on_board else (TuningParameter(("control.attitude.bandwidth",), 0.1, 5.0),)
     estimating: Tree = {"response": {"kind": "tilt", "delay_ticks": 1}}
     if on_board:  # a wind of 12 m/s causes a larger acceleration than the default limit of 5 m/s²
         estimating |= {"disturbance_limit": 20.0}
@@ -235,14 +241,16 @@ def _network(base: ControllerEntry, name: str, kind: str, inputs: Tree, law: Tre
         "adaptive": dict.fromkeys(_ADAPTIVE_PARAMETERS, 1.0) if adaptive else None,
     }
     path = "control.network"
-    knobs = [Knob((f"{path}.learning.{field}",), *ends) for field, ends in _LEARNING_RANGES[law["kind"]].items()]
+    knobs = [
+        TuningParameter((f"{path}.learning.{field}",), *ends) for field, ends in _LEARNING_RANGES[law["kind"]].items()
+    ]
     if inputs is not _ERROR_INPUTS:
         network["lead"] = 0.1
-        knobs.append(Knob((f"{path}.lead",), 0.02, 1.0))
+        knobs.append(TuningParameter((f"{path}.lead",), 0.02, 1.0))
     else:
-        knobs += [Knob((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALE_RANGES.items()]
+        knobs += [TuningParameter((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALE_RANGES.items()]
     if adaptive:
-        knobs += [Knob((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE_PARAMETERS]
+        knobs += [TuningParameter((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE_PARAMETERS]
     return ControllerEntry(
         f"{base.label} + {NETWORKS[kind]}",
         "that of the controller to which it is added",

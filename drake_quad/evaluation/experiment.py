@@ -13,7 +13,7 @@ import numpy as np
 from drake_quad.design.certificate import certify_hover
 from drake_quad.design.tuning import LATENCY
 from drake_quad.errors import InputError
-from drake_quad.evaluation.designs import design_file, designs_in
+from drake_quad.evaluation.designs import design_file, read_designs
 from drake_quad.evaluation.entries import POSITION_NETWORK_BASES
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily, overrides_for_laps
 from drake_quad.evaluation.results import (
@@ -148,7 +148,7 @@ def _jobs(
     user_controllers: Sequence[UserController],
 ) -> Iterator[Job]:
     """Yield the jobs of a family."""
-    family, designs = FAMILIES[name], designs_in(design_file(diagrams, name))
+    family, designs = FAMILIES[name], read_designs(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
     for entry in entries:
         yield Job(f"{name} {entry}", 1, partial(_collected, fly_family, diagrams, name, family, entry, sizes))
@@ -280,7 +280,7 @@ def fly_priced(
         sizes: sizes of the evaluation.
     """
     path = design_file(diagrams, PRICED_DESIGNS)
-    designs = designs_in(path)
+    designs = read_designs(path)
     names = [
         priced_name(*each) for each in itertools.product(PRICED_CONTROLLERS, SENSITIVITY_LIMITS) if each[0] in entries
     ]
@@ -385,5 +385,5 @@ def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedS
 
 def missing_designs(diagrams: Path, name: str) -> list[str]:
     """Return the names of the controllers without a design in the file of a family."""
-    designs = designs_in(design_file(diagrams, name))
+    designs = read_designs(design_file(diagrams, name))
     return [entry for entry in FAMILIES[name].entries if entry not in designs]

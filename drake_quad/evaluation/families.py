@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.evaluation.entries import ControllerEntry, entries_of
+from drake_quad.evaluation.entries import ControllerEntry, controller_entries
 from drake_quad.scenario.files.loading import Override, load_scenario
 from drake_quad.scenario.models import Scenario
 
@@ -35,7 +35,7 @@ class LaboratoryFamily(NamedTuple):
     @property
     def entries(self) -> dict[str, ControllerEntry]:
         """Controllers that are designed for the family, by name."""
-        return entries_of(on_board=self.on_board, maps=self.maps)
+        return controller_entries(on_board=self.on_board, maps=self.maps)
 
     def scenario(
         self,

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from drake_quad.design.lqg import LqgLimits, design_lqg
 from drake_quad.design.tuning import Budget, LoopLimit, TuningResult, tolerated_delay, tune
 from drake_quad.errors import InputError
-from drake_quad.evaluation.designs import design_file, designs_in, write_designs
-from drake_quad.evaluation.entries import ControllerEntry, entries_of
+from drake_quad.evaluation.designs import design_file, read_designs, write_designs
+from drake_quad.evaluation.entries import ControllerEntry, controller_entries
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, LaboratoryFamily
 from drake_quad.evaluation.results import (
     PRICED_CONTROLLERS,
@@ -58,7 +58,7 @@ def tunable_entries(
         if name not in entries:
             raise InputError(f"there is no tunable controller {name}; choose from {', '.join(entries)}")
     chosen = {name: entry for name, entry in entries.items() if names is None or name in names}
-    available = {*designs_in(path), *chosen}
+    available = {*read_designs(path), *chosen}
     return {name: entry for name, entry in chosen.items() if not entry.base or entry.base in available}
 
 
@@ -82,7 +82,7 @@ def design_family(
     path, limit = design_file(diagrams, name), LoopLimit()
     for controller, entry in entries.items():
         scenarios = _scenarios_before_tuning(diagrams, family, path, controller, entry)
-        fractions = None if entry.base else limit.limit_fractions
+        fractions = None if entry.base else limit.margin_ratios
         before = previous_numbers(diagrams, family, path, controller, entry)
         extra_latency = 0.0
         if entry.base:
@@ -102,7 +102,7 @@ def design_family(
 
 def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
     """Write a model predictive controller with the regulator of the family's LQG design, if there is such a design."""
-    regulator = designs_in(path).get("lqg")
+    regulator = read_designs(path).get("lqg")
     if regulator is not None:
         control = {**regulator["control"], "kind": "mpc", "horizon": _MPC_HORIZON}
         description = "the regulator of lqg, with limits over a horizon"
@@ -143,7 +143,7 @@ def previous_numbers(
     diagrams: Path, family: LaboratoryFamily, path: Path, controller: str, entry: ControllerEntry
 ) -> list[float] | None:
     """Return the tuned parameters of an earlier design; None if it does not exist, or a parameter is not positive."""
-    if controller not in designs_in(path):
+    if controller not in read_designs(path):
         return None
     scenario, *_ = training_scenarios(diagrams, family, f"{path}:{controller}", entry)
     try:
@@ -157,13 +157,13 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
     """Design controllers with several limits on the peak sensitivity, and write them as `design_family` does."""
     family = FAMILIES[FAMILY_OF[PRICED_LABORATORY]]
     path = design_file(diagrams, PRICED_DESIGNS)
-    entries = entries_of(on_board=family.on_board, maps=False)
+    entries = controller_entries(on_board=family.on_board, maps=False)
     for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITY_LIMITS):
         entry, limit = entries[controller], LoopLimit(sensitivity=sensitivity)
         name = priced_name(controller, sensitivity)
         if entry.knobs:
             scenarios = _scenarios_before_tuning(diagrams, family, path, name, entry)
-            result = tune(scenarios, entry.knobs, limit.limit_fractions, budget=budget)
+            result = tune(scenarios, entry.knobs, limit.margin_ratios, budget=budget)
             tree, description = entry.tree(result.values), _description(entry, result, budget)
         else:
             scenario = load_undesigned(diagrams / family.laboratories[PRICED_LABORATORY])
@@ -188,7 +188,7 @@ def _description(entry: ControllerEntry, result: TuningResult, budget: Budget, e
     )
     if extra_latency:
         description += f", also with {1e3 * extra_latency:.0f} ms of extra delay"
-    fraction = f"{100.0 * min(result.limit_fraction, 1.0):.0f} %"
+    fraction = f"{100.0 * min(result.min_margin_ratio, 1.0):.0f} %"
     return description if fraction == "100 %" else f"{description}, meets {fraction} of the limit"
 
 

@@ -15,7 +15,7 @@ from drake_quad.evaluation.claims import (
     compare_common_samples,
     delay_text,
 )
-from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_EVALUATION_SAMPLE, LaboratoryFamily
 from drake_quad.evaluation.figures import evaluation_figures
 from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits
@@ -247,7 +247,7 @@ def _priced_table(evaluation: Evaluation) -> str:
 
 
 def _entries_table() -> str:
-    entries = entries_of(on_board=False, maps=True).values()
+    entries = controller_entries(on_board=False, maps=True).values()
     rows = [
         (
             each.label,

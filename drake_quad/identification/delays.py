@@ -9,7 +9,7 @@ def frame_age(scenario: Scenario) -> float:
     return float((1 + cameras.latency_frames) * cameras.period)
 
 
-def delay_of(scenario: Scenario) -> float:
+def total_delay(scenario: Scenario) -> float:
     """Return the delay from a command to the measurement of its effect, s."""
     link = scenario.laboratory.command_link
     return float(link.delay_ticks * link.period) + frame_age(scenario)

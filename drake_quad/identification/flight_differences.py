@@ -32,11 +32,11 @@ from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife,
 from drake_quad.identification.fit import PredictionFit
 from drake_quad.identification.model import NUM_BODY, Disturbance
 from drake_quad.identification.prediction_errors import Predictor
-from drake_quad.identification.prepared_logs import PreparedLogs, blocks_of
+from drake_quad.identification.prepared_logs import PreparedLogs, block_numbers_of_windows
 from drake_quad.identification.random_effects import Variation
-from drake_quad.identification.result import FlightDifference, Spread
+from drake_quad.identification.result import EstimatedValue, FlightDifference
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.scenario.models import Scenario
 
 TRIM_FORCE = ("trim_force.x", "trim_force.y")
@@ -85,7 +85,7 @@ def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
     return np.where(mask, values, 0.0)
 
 
-def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> Spread | None:
+def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> EstimatedValue | None:
     """Return the Gauss-Newton step along a direction from some windows; None if the windows do not determine it."""
     information = np.einsum("i,wij,j->w", direction, evidence.information[mask], direction)
     scores = evidence.scores[mask] @ direction
@@ -96,14 +96,14 @@ def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> 
     return _spread(step, uncertainty, 0, "1")
 
 
-def _spread(value: float, uncertainty: Uncertainty, index: int, unit: str) -> Spread:
+def _spread(value: float, uncertainty: Uncertainty, index: int, unit: str) -> EstimatedValue:
     deviation = float(np.sqrt(uncertainty.covariance[index, index]))
-    return Spread(float(value), deviation, unit, float(uncertainty.degrees_of_freedom[index]))
+    return EstimatedValue(float(value), deviation, unit, float(uncertainty.degrees_of_freedom[index]))
 
 
 def _forces(
     logs: PreparedLogs, predictor: Predictor, fitted: PredictionFit, window_indices: np.ndarray
-) -> dict[str, Spread]:
+) -> dict[str, EstimatedValue]:
     """Return the trim force and the wind force of a flight, N, from all windows of this flight."""
     record = logs.records[predictor.windows[window_indices[0]].record]
     mass = float(logs.scenario.vehicle.mass)
@@ -113,13 +113,13 @@ def _forces(
     heading = record.of("attitude")[samples, 2]
     force = mass * estimated_force(predictor, fitted)[:, window_indices].transpose(1, 2, 0)
     duration = predictor.duration * len(window_indices) / len(predictor.windows)
-    return forces_of(heading, force, blocks_of(len(window_indices), duration, _MIN_BLOCKS))
+    return forces_of(heading, force, block_numbers_of_windows(len(window_indices), duration, _MIN_BLOCKS))
 
 
 def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     """Return the horizontal specific force (2, W, T) that the filter has estimated at the samples of each window."""
     estimated_rows = list(predictor.rows)
-    decay = np.exp(-predictor.period / fitted.noise.memory)
+    decay = np.exp(-predictor.period / fitted.noise.correlation_time)
     forces = []
     for axis, (varying, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
@@ -130,7 +130,7 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     return np.stack(forces).swapaxes(1, 2)
 
 
-def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dict[str, Spread]:
+def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dict[str, EstimatedValue]:
     """Return the trim force and the wind force of a flight, N.
 
     Args:
@@ -203,7 +203,7 @@ def with_differences(
     return replace(estimates, flight_variation=Variation(covariance, freedom, duration))
 
 
-def next_flight_variance(flights: Sequence[Spread]) -> float:
+def next_flight_variance(flights: Sequence[EstimatedValue]) -> float:
     """Return the variance of the next flight around the mean of F flights, s² (1 + 1/F).
 
     s² is the variance of the estimates minus the mean variance of their errors, or zero if the difference is negative.
@@ -212,7 +212,7 @@ def next_flight_variance(flights: Sequence[Spread]) -> float:
     return max(0.0, float(between)) * (1.0 + 1.0 / len(flights))
 
 
-def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], scenario: Scenario) -> Estimates:
+def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[EstimatedValue]], scenario: Scenario) -> Estimates:
     """Add the mean trim force to the estimates. Its error does not include the variation between flights."""
     values = np.array([[each.value for each in axis_trims] for axis_trims in trims]).mean(axis=1)
     errors = np.array([[each.deviation**2 for each in axis_trims] for axis_trims in trims])
@@ -222,7 +222,7 @@ def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], sc
     return replace(
         estimates,
         names=(*estimates.names, *TRIM_FORCE),
-        values=np.append(estimates.values, values + [number_of(scenario, name) for name in TRIM_FORCE]),
+        values=np.append(estimates.values, values + [vehicle_value(scenario, name) for name in TRIM_FORCE]),
         covariance=scipy.linalg.block_diag(estimates.covariance, np.diag(errors.mean(axis=1) / errors.shape[1])),
         degrees_of_freedom=np.append(
             estimates.degrees_of_freedom, errors.sum(axis=1) ** 2 / (errors**2 / freedoms).sum(axis=1)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
-from drake_quad.identification.result import Spread
+from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.windows import airborne_mask, segment_numbers
 
 _DIFFERENCE_ORDER = 3  # order of the differences from which white noise is estimated
@@ -68,7 +68,7 @@ def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) ->
     return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _VARIANCE_FACTOR))
 
 
-def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
+def hover_means(record: FlightRecord, weight: float) -> dict[str, EstimatedValue]:
     """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
     If throttles are logged, the result includes the mean thrust of a motor divided by the square of its throttle. A
@@ -105,12 +105,12 @@ def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
     return {name: _mean(values, blocks, unit) for name, (values, unit) in columns.items()}
 
 
-def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
+def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> EstimatedValue:
     """Return the mean of values (n,) and its standard deviation, given the block number (n,) of each value."""
     block_numbers, indices = np.unique(blocks, return_inverse=True)
     means = np.bincount(indices, weights=values) / np.bincount(indices)
     deviation = float(np.std(means, ddof=1) / np.sqrt(len(block_numbers))) if len(block_numbers) > 1 else np.nan
-    return Spread(float(values.mean()), deviation, unit, max(len(block_numbers) - 1.0, 1.0))
+    return EstimatedValue(float(values.mean()), deviation, unit, max(len(block_numbers) - 1.0, 1.0))
 
 
 def delay_by_correlation(record: FlightRecord) -> float | None:

@@ -34,9 +34,9 @@ def check_forecast(forecasts: Sequence[ForecastOutput]) -> None:
     Raises:
         InputError: if some outputs vary, and no forecast explains any of their variance.
     """
-    varying = [forecast for forecast in forecasts if np.isfinite(forecast.explained)]
-    best = max(varying, key=lambda forecast: forecast.explained, default=None)
-    if best is not None and best.explained <= 0.0:
+    varying = [forecast for forecast in forecasts if np.isfinite(forecast.explained_variance)]
+    best = max(varying, key=lambda forecast: forecast.explained_variance, default=None)
+    if best is not None and best.explained_variance <= 0.0:
         raise InputError(
             "cannot identify the vehicle: after a fit to the rest of the logs, it forecasts no output of the held-out"
             f" part better than motion at constant rates (best: {best.name}); use logs with more motion than hover,"

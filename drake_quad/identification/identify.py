@@ -35,14 +35,14 @@ from drake_quad.identification.identifiability import (
 )
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
-from drake_quad.identification.parameters import Parameter, names_of, parameters_of
+from drake_quad.identification.parameters import Parameter, parameter_names, parameters_of
 from drake_quad.identification.prediction_errors import Output, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, initial_noise, prepare, window_blocks
-from drake_quad.identification.random_effects import uncertainty_of_mean, variation_of
-from drake_quad.identification.result import ForecastOutput, Identification, Spread
-from drake_quad.identification.results.estimates import Estimates, Explained, Source
+from drake_quad.identification.random_effects import estimate_variation, uncertainty_of_mean
+from drake_quad.identification.result import EstimatedValue, ForecastOutput, Identification
+from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source
 from drake_quad.identification.results.held_out import hold_out_check
-from drake_quad.identification.results.vehicle_values import with_numbers
+from drake_quad.identification.results.vehicle_values import with_vehicle_values
 from drake_quad.identification.sampling import (
     SynchronisedRecords,
     distorted_parameters,
@@ -103,14 +103,16 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
     if fraction > 0.0:
         held_out_masks = [held_out_mask(usable, fraction) for usable in logs.flying]
         training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
-        training = fit(logs.predictor(names_of(parameters), training_masks), parameters, noise)
+        training = fit(logs.predictor(parameter_names(parameters), training_masks), parameters, noise)
         forecasts = forecast(
-            logs.predictor(names_of(parameters), held_out_masks, horizon=True), training.values, training.noise
+            logs.predictor(parameter_names(parameters), held_out_masks, horizon=True), training.values, training.noise
         )
         check_forecast(forecasts)
         start, noise = training.values, training.noise
-        training_vehicle = _vehicle(logs, scenario, dict(zip(names_of(parameters), map(float, start), strict=True)))
-    predictor = logs.predictor(names_of(parameters), logs.flying)
+        training_vehicle = _vehicle(
+            logs, scenario, dict(zip(parameter_names(parameters), map(float, start), strict=True))
+        )
+    predictor = logs.predictor(parameter_names(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     check_thrust(logs.scenario, fitted.noise)
     fixed = parameters_below_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited_parameters(
@@ -119,7 +121,7 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
     if fixed:
         free = [i for i, parameter in enumerate(parameters) if parameter.name not in fixed]
         parameters = [parameters[i] for i in free]
-        predictor = logs.predictor(names_of(parameters), logs.flying)
+        predictor = logs.predictor(parameter_names(parameters), logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[free])
     identification = _result(logs, scenario, predictor, parameters, fitted, forecasts, fixed)
     return replace(identification, training_vehicle=training_vehicle)
@@ -131,7 +133,7 @@ def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -
     if DELAY in values:
         delay_ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
         numbers["laboratory.command_link.delay_ticks"] = max(0.0, delay_ticks)
-    vehicle = with_numbers(scenario, numbers)
+    vehicle = with_vehicle_values(scenario, numbers)
     if logs.voltage is not None:
         motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
         vehicle = vehicle.model_copy(update={"vehicle": vehicle.vehicle.model_copy(update={"motors": motors})})
@@ -158,11 +160,11 @@ def _result(
         forecasts: forecasts of held-out flight; empty if nothing was held out.
         fixed: reason for each parameter that was fixed at its initial value, by name.
     """
-    names = names_of(parameters)
+    names = parameter_names(parameters)
     blocks = window_blocks(predictor)
     evidence = fitted.evidence(names, [parameter.scale for parameter in parameters], predictor.duration)
     differences = flight_differences(logs, predictor, fitted, evidence)
-    variation = variation_of(within_flights(evidence, predictor, differences))
+    variation = estimate_variation(within_flights(evidence, predictor, differences))
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     uncertainty = with_averaging_error(uncertainty, names, fitted.values, logs.averaging_period)
     remarks = [*_remarks(predictor, fitted, names), *steep_pitch_remarks(logs.records)]
@@ -187,7 +189,7 @@ def _result(
             f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
-        explained=_explained(parameters, fitted, predictor, forecasts) if forecasts else {},
+        explained_variance=_explained(parameters, fitted, predictor, forecasts) if forecasts else {},
         not_identified=undetermined_parameters(logs.scenario, names)
         | fixed
         | unidentified_noise
@@ -199,7 +201,7 @@ def _result(
     estimates = with_differences(estimates, differences, logs.scenario, predictor.duration / max(1, len(differences)))
     delay_index = names.index(DELAY)
     deviation = float(np.sqrt(uncertainty.covariance[delay_index, delay_index]))
-    delay = Spread(
+    delay = EstimatedValue(
         float(fitted.values[delay_index]), deviation, "s", float(uncertainty.degrees_of_freedom[delay_index])
     )
     numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
@@ -239,15 +241,15 @@ def _noise_estimates(
 
 def _explained(
     parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, forecasts: Sequence[ForecastOutput]
-) -> dict[str, Explained]:
+) -> dict[str, ExplainedVariance]:
     """Return, by parameter name, the explained variance of the output that depends most on the parameter."""
     num_outputs = len(predictor.outputs)
     jacobian = fitted.jacobian.reshape(len(fitted.jacobian), -1, num_outputs, len(parameters))
     outputs = np.argmax(np.einsum("wtop,wtop->op", jacobian, jacobian), axis=0)
     return {
-        parameter.name: Explained(forecasts[output].explained, forecasts[output].name)
+        parameter.name: ExplainedVariance(forecasts[output].explained_variance, forecasts[output].name)
         for parameter, output in zip(parameters, outputs, strict=True)
-        if parameter.name != DELAY and np.isfinite(forecasts[output].explained)
+        if parameter.name != DELAY and np.isfinite(forecasts[output].explained_variance)
     }
 
 

@@ -30,7 +30,7 @@ from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
 from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.firmware import allocated_commands
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.identification.windows import LogWindow, WindowSizes
@@ -383,9 +383,9 @@ class LogModel:
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
-        turn = rotations_of(misalignment)
+        turn = rotation_matrices(misalignment)
         position, attitude, *rest = np.split(state, len(STATE_ROWS))
-        angles = (rotations_of(attitude.T) * turn).as_euler("ZYX").T[::-1]
+        angles = (rotation_matrices(attitude.T) * turn).as_euler("ZYX").T[::-1]
         return np.concatenate([position, angles, *rest])
 
 

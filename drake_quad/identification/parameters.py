@@ -12,7 +12,7 @@ import numpy as np
 
 from drake_quad.identification.model import DELAY, MISALIGNMENT
 from drake_quad.identification.prediction_errors import FORCE
-from drake_quad.identification.results.vehicle_values import number_of, with_effects
+from drake_quad.identification.results.vehicle_values import vehicle_value, with_effects
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 
@@ -61,7 +61,7 @@ def parameters_of(
     scenario = with_effects(scenario, tuple(name for name, *_ in candidates))
     parameters = []
     for name, scale, allowed in candidates:
-        start = number_of(scenario, name)
+        start = vehicle_value(scenario, name)
         lower, upper = -np.inf, np.inf
         if allowed == "positive":
             lower, upper = _MIN_POSITIVE_RATIO * start, _MAX_POSITIVE_RATIO * start
@@ -129,6 +129,6 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
         yield "rotor_aerodynamics.climb", 0.3 * mass, "any"
 
 
-def names_of(parameters: Sequence[Parameter]) -> list[str]:
+def parameter_names(parameters: Sequence[Parameter]) -> list[str]:
     """Return the names of parameters."""
     return [parameter.name for parameter in parameters]

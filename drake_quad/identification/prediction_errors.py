@@ -58,12 +58,12 @@ class PredictionNoise(NamedTuple):
         measured: (m,) standard deviation of the measurement noise of each output, in the unit of the output.
         disturbance: (6,) stationary standard deviations σ_d of the force over mass, m/s², and of the torque over
             inertia, rad/s².
-        memory: (6,) correlation times T of the disturbance, s.
+        correlation_time: (6,) correlation times T of the disturbance, s.
     """
 
     measured: np.ndarray
     disturbance: np.ndarray
-    memory: np.ndarray
+    correlation_time: np.ndarray
 
     @classmethod
     def of(cls, values: np.ndarray) -> "PredictionNoise":
@@ -83,7 +83,7 @@ class PredictionNoise(NamedTuple):
 
     def decay(self, duration: float) -> np.ndarray:
         """Return the factors (NUM_DISTURBANCE,) by which the disturbance decays during a time in s."""
-        return np.append(np.exp(-duration / self.memory), [1.0, 1.0])
+        return np.append(np.exp(-duration / self.correlation_time), [1.0, 1.0])
 
     @property
     def torque(self) -> np.ndarray:
@@ -100,7 +100,7 @@ class PredictionNoise(NamedTuple):
         Args:
             duration: duration over which the force is averaged, s.
         """
-        ratio = duration / self.memory[:3]
+        ratio = duration / self.correlation_time[:3]
         return np.asarray(self.force * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio)
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, join_names
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
@@ -133,9 +133,9 @@ class PreparedLogs(NamedTuple):
                 f" {len(windows)} windows of {length + settle:.2g} s in the air; at least {_MIN_WINDOWS} are needed, so"
                 " use longer flights"
             )
-        return self.predictor_in(windows, sizes, names, delay=delay)
+        return self.predictor_for_windows(windows, sizes, names, delay=delay)
 
-    def predictor_in(
+    def predictor_for_windows(
         self, windows: Sequence[LogWindow], sizes: WindowSizes, names: Sequence[str] = (), *, delay: float = 0.0
     ) -> Predictor:
         """Return the predictor of the outputs in given windows.
@@ -156,10 +156,10 @@ class PreparedLogs(NamedTuple):
 
 def window_blocks(predictor: Predictor) -> np.ndarray:
     """Return the block number (W,) of each window, for the jackknife of the estimates."""
-    return blocks_of(len(predictor.windows), predictor.duration, MIN_BLOCKS)
+    return block_numbers_of_windows(len(predictor.windows), predictor.duration, MIN_BLOCKS)
 
 
-def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
+def block_numbers_of_windows(windows: int, duration: float, minimum: int) -> np.ndarray:
     """Return the block number (windows,) of each window, for blocks of adjacent windows.
 
     A block lasts about four seconds, which is longer than the correlation time of model errors. Blocks are shorter if
@@ -238,7 +238,7 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
             return record
         fractions: Any = np.repeat(record.thrust_fraction[:, None], 4, axis=1)
         thrust = np.asarray(thrust_from_throttle(fractions, curve)).sum(axis=1)
-    to_body = rotations_of(record.attitude).inv()
+    to_body = rotation_matrices(record.attitude).inv()
     force = to_body.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
     return replace(record, specific_force=force / scenario.vehicle.mass)
 

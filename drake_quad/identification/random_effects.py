@@ -160,7 +160,7 @@ def _weighted_squares(estimates: np.ndarray, variances: np.ndarray, between: np.
     return np.asarray(np.sum(weights * (estimates - mean) ** 2, axis=0))
 
 
-def variation_of(evidence: Evidence) -> Variation | None:
+def estimate_variation(evidence: Evidence) -> Variation | None:
     """Return the variation of parameters from stretch to stretch; None if there are too few windows."""
     if len(evidence.scores) < _MIN_WINDOWS_PER_SEGMENT * NUM_SEGMENTS:
         return None

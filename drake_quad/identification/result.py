@@ -21,8 +21,8 @@ class ForecastOutput(NamedTuple):
         time: (W, T) time, s, as if each window started at the end of the preceding window.
         measured: (W, T) measurements.
         predicted: (W, T) forecasts, without the measurements of the same window.
-        explained: fraction of the variance that the forecast explains, see `drake_quad.identification.forecast`; NaN
-            if the output does not vary.
+        explained_variance: fraction of the variance that the forecast explains, see
+            `drake_quad.identification.forecast`; NaN if the output does not vary.
         deviation: estimated standard deviation of the white measurement noise.
     """
 
@@ -31,7 +31,7 @@ class ForecastOutput(NamedTuple):
     time: np.ndarray
     measured: np.ndarray
     predicted: np.ndarray
-    explained: float
+    explained_variance: float
     deviation: float
 
     @property
@@ -40,7 +40,7 @@ class ForecastOutput(NamedTuple):
         return self.measured - self.predicted
 
 
-class Spread(NamedTuple):
+class EstimatedValue(NamedTuple):
     """Estimate with its uncertainty.
 
     Attributes:
@@ -73,8 +73,8 @@ class FlightDifference(NamedTuple):
     """
 
     name: str
-    thrust: Spread | None
-    forces: Mapping[str, Spread]
+    thrust: EstimatedValue | None
+    forces: Mapping[str, EstimatedValue]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Identification:
     estimates: Estimates
     vehicle: Scenario
     outputs: tuple[ForecastOutput, ...]
-    delay: Spread | None = None
+    delay: EstimatedValue | None = None
     noise: PredictionNoise | None = None
     remarks: tuple[str, ...] = ()
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)

@@ -22,12 +22,12 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
-from drake_quad.identification.delays import delay_of, frame_age
+from drake_quad.identification.delays import frame_age, total_delay
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, STATE_ROWS
 from drake_quad.identification.results.estimates import Estimates
-from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget
@@ -244,7 +244,7 @@ def _with_true_values(estimates: Estimates, scenario: Scenario) -> list[CheckedP
     freedom = np.asarray(estimates.degrees_of_freedom)
     columns = zip(estimates.names, estimates.values, estimates.deviations, freedom, strict=True)
     return [
-        CheckedParameter(name, number_of(scenario, name), *map(float, numbers))
+        CheckedParameter(name, vehicle_value(scenario, name), *map(float, numbers))
         for name, *numbers in columns
         if name in estimates.identified
     ]
@@ -256,5 +256,5 @@ def _true_delay(scenario: Scenario) -> float:
     The command in a sample of a flight is the command that was held during the tick before the sample.
     """
     if scenario.laboratory.autopilot.models_vehicle:
-        return delay_of(scenario)
+        return total_delay(scenario)
     return frame_age(scenario) - float(scenario.laboratory.command_link.period)

@@ -39,21 +39,21 @@ class HoverFleet:
     Args:
         resting: scenario of `at_rest` or `symmetric_hover`.
         fields: paths of the k fields that differ from loop to loop.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
 
     Attributes:
         resting: scenario.
         fields: paths of the fields.
-        own: functions that create the user's systems.
+        user_systems: functions that create the user's systems.
         period: sampling period of the loops, s.
         states: names of the n states, known after the first call; for the rotors, of their speeds.
     """
 
-    def __init__(self, resting: Scenario, fields: Sequence[str], *, own: UserSystems = UserSystems()) -> None:
+    def __init__(self, resting: Scenario, fields: Sequence[str], *, user_systems: UserSystems = UserSystems()) -> None:
         self.resting, self.fields = resting, tuple(fields)
         self.states: tuple[str, ...] = ()
         self.period = max(loop_periods(resting).values())
-        self._plan, self.own = plan_route(resting), own
+        self._plan, self.user_systems = plan_route(resting), user_systems
         self._pattern = wrench_of_rotors(resting)
 
     def __call__(self, values: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
@@ -67,7 +67,7 @@ class HoverFleet:
         N = len(values)
         varying = {field: values[:, i].copy() for i, field in enumerate(self.fields)}
         batch = Batch(self.resting, (0,) * N, varying)
-        diagram = build_fleet_diagram(batch, self._plan, user_systems=self.own.build(N))
+        diagram = build_fleet_diagram(batch, self._plan, user_systems=self.user_systems.build(N))
         period_map = _PeriodMap(diagram, N, self.period)
         self.states = period_map.states
         # Saturated and diverging loops overflow, and are then reported as NaN.

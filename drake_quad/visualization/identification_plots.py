@@ -62,7 +62,11 @@ def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
         right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
     left.set_ylabel("\n".join([*textwrap.wrap(output.name, _MAX_LABEL_LENGTH), f"({unit})"]))
     right.axhline(0.0, color="0.3", linewidth=0.8)
-    text = f"explained variance {100.0 * output.explained:.1f} %" if output.explained > 0.0 else "no variance explained"
+    text = (
+        f"explained variance {100.0 * output.explained_variance:.1f} %"
+        if output.explained_variance > 0.0
+        else "no variance explained"
+    )
     right.set_title(text, loc="right", fontsize=8, pad=2.0)
 
 

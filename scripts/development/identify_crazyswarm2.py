@@ -23,9 +23,9 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.result import Identification, Spread
+from drake_quad.identification.result import EstimatedValue, Identification
 from drake_quad.identification.results.estimates import Estimates
-from drake_quad.identification.results.vehicle_values import number_of, with_numbers
+from drake_quad.identification.results.vehicle_values import vehicle_value, with_vehicle_values
 from drake_quad.identification.validation.estimator import VelocityEstimate, linear_drag, velocity_estimate
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.scenario.correlation import correlated_normals
@@ -104,7 +104,11 @@ def main() -> None:
 
 
 def vehicle(
-    log: str, base: Scenario, identification: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
+    log: str,
+    base: Scenario,
+    identification: Identification,
+    estimate: VelocityEstimate,
+    drag: tuple[EstimatedValue, EstimatedValue],
 ) -> str:
     """Return the YAML text of the scenario that is identified from a log.
 
@@ -125,7 +129,7 @@ def vehicle(
     }
     torque_ratio = base.vehicle.drag_factor / base.vehicle.thrust_factor
     yaw_inertia = base.vehicle.inertia[2] * values["inertia[0]"] / base.vehicle.inertia[0]
-    nominal = number_of(base, "body_drag.linear[0]")
+    nominal = vehicle_value(base, "body_drag.linear[0]")
     arm = values[_CENTRE_OF_PRESSURE] * 2.0 * nominal / (drag[0].value + drag[1].value)
     lines = [
         f"log{log}:",
@@ -185,7 +189,7 @@ def conditioned_on_stability(estimates: Estimates, base: Scenario) -> Estimates:
 
 def swing_growth(base: Scenario, estimates: Estimates) -> float:
     """Return the growth rate of oscillations in hover in the linear model, 1/s; negative if they decay."""
-    scenario = with_numbers(base, dict(zip(estimates.names, map(float, estimates.values), strict=True)))
+    scenario = with_vehicle_values(base, dict(zip(estimates.names, map(float, estimates.values), strict=True)))
     system = closed_loop(scenario).system
     poles = np.log(system.poles().astype(complex)) / system.period
     return float(poles[np.abs(poles.imag) > _MIN_SWING_FREQUENCY].real.max())
@@ -211,7 +215,7 @@ def normal(mean: float, deviation: float, low: float | None = None, high: float 
 
 
 def table_rows(
-    log: str, identification: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
+    log: str, identification: Identification, estimate: VelocityEstimate, drag: tuple[EstimatedValue, EstimatedValue]
 ) -> list[tuple[str, str, str, str]]:
     """Return the rows of the printed table that belong to a log."""
     estimates = identification.estimates

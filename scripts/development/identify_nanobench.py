@@ -21,7 +21,7 @@ from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.errors import InputError, short_repr
 from drake_quad.files import write_atomically
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation.free_flight import free_flight
@@ -136,7 +136,7 @@ def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
     position, velocity = (
         smooth(each) for each in (free_flight_record.of("position"), free_flight_record.of("velocity"))
     )
-    body = rotations_of(free_flight_record.of("attitude"))
+    body = rotation_matrices(free_flight_record.of("attitude"))
     drag = -slopes(body.inv().apply(velocity)[:, :2], smooth(free_flight_record.of("specific_force"))[:, :2])
     estimated = np.column_stack([rows[f"est_stateEstimate_{axis}"] for axis in ("x", "y", "z")])
     speeds = np.column_stack([rows[f"est_stateEstimate_v{axis}"] for axis in ("x", "y", "z")])

@@ -200,7 +200,13 @@ def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F8
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)), Obstacle("far", Ball((9.0, 9.0, 1.0)))), 0.1)
     problem = SimpleNamespace(waypoints=[*range(len(simulated.path.times) + 2)], corridors=())
     planned = [simulated, problem, None, space]
-    calls = replaced("plan", planned=lambda _: planned, plot_plan="figure", save_plan=["pieces"], save_figures=["plan"])
+    calls = replaced(
+        "plan",
+        plan_route_with_problem=lambda _: planned,
+        plot_plan="figure",
+        save_plan=["pieces"],
+        save_figures=["plan"],
+    )
     result = run("plan", "figure_eight", "--vector", "pdf", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     rows = [line.split() for line in result.stdout.splitlines()]

@@ -30,7 +30,7 @@ from drake_quad.command_line import (
 from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
 from drake_quad.design.gains import PolePair, RegulatorRequirements
-from drake_quad.design.tuning import Budget, Knob
+from drake_quad.design.tuning import Budget, TuningParameter
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED_DESIGNS
@@ -216,8 +216,8 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
     scenario = load_scenario("hover", ["control.position.k_p=[2, 3, 4]"])
     pair = "control.position.k_p.0,control.position.k_p.1"
     paths = tuple(pair.split(","))
-    assert tune.knob_of(pair, scenario) == Knob(paths, 0.5, 8.0)
-    assert tune.knob_of(f"{pair}=0.1:3", scenario) == Knob(paths, 0.1, 3.0)
+    assert tune.parse_tuning_parameter(pair, scenario) == TuningParameter(paths, 0.5, 8.0)
+    assert tune.parse_tuning_parameter(f"{pair}=0.1:3", scenario) == TuningParameter(paths, 0.1, 3.0)
     for ends, words in (
         ("3", "write it as LOW:HIGH"),
         ("a:b", "write it as LOW:HIGH"),
@@ -225,29 +225,29 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
         ("3:3", "HIGH above LOW"),
     ):
         with pytest.raises(InputError, match=words):
-            tune.knob_of(f"{pair}={ends}", scenario)
+            tune.parse_tuning_parameter(f"{pair}={ends}", scenario)
     for path in ("vehicle.mass", "control.kind"):
         with pytest.raises(InputError, match="must be a field of `control` whose value is a number above 0"):
-            tune.knob_of(f"control.position.k_p.0,{path}", scenario)
+            tune.parse_tuning_parameter(f"control.position.k_p.0,{path}", scenario)
     integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
     with pytest.raises(InputError, match="a number above 0"):
-        tune.knob_of("control.position.k_i.0", integral)
+        tune.parse_tuning_parameter("control.position.k_i.0", integral)
 
 
 def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
-    tuned = SimpleNamespace(values=(1.5, 2.5), limit_fraction=0.876)
+    tuned = SimpleNamespace(values=(1.5, 2.5), min_margin_ratio=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
     command_line = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
     result = run("tune", *command_line, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
     assert result.returncode == 0
     assert written(result) == [str(tmp_path / "scenario.yaml")]
     assert len(calls["print_margins"]) == 1
-    (((scenarios, knobs, limit_fractions), named),) = calls["tune"]
+    (((scenarios, knobs, margin_ratios), named),) = calls["tune"]
     assert [scenario.name for scenario in scenarios] == ["hover"]
     assert [knob.paths for knob in knobs] == [
         (f"control.position.{gain}.0", f"control.position.{gain}.1") for gain in ("k_p", "k_d")
     ]
-    assert (limit_fractions.__self__.sensitivity, limit_fractions.__self__.delay) == (1.75, 0.25)
+    assert (margin_ratios.__self__.sensitivity, margin_ratios.__self__.delay) == (1.75, 0.25)
     assert named == {"budget": Budget()._replace(samples=6, rounds=5)}
     (before, _), (after, _) = calls["fly_samples"]
     assert before[1] == after[1] == range(6, 6 + 32)
@@ -259,7 +259,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "no candidate meets the limits; the best candidate meets 88 % of them" in result.stdout
-    tuned.limit_fraction = 1.0
+    tuned.min_margin_ratio = 1.0
     assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
 

@@ -34,8 +34,8 @@ from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.logs.record import FlightRecord, SignalOrigin
 from drake_quad.identification.random_effects import Variation
-from drake_quad.identification.result import ForecastOutput, Identification, Spread
-from drake_quad.identification.results.estimates import Estimates, Explained, Source
+from drake_quad.identification.result import EstimatedValue, ForecastOutput, Identification
+from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source
 from drake_quad.identification.validation.comparison import LogComparison
 from drake_quad.identification.validation.prediction import Predictions
 from drake_quad.identification.validation.reference import LoggedReference
@@ -344,7 +344,10 @@ def identified():
         np.diag([0.0004, 0.0025, 0.0001]),
         1e9,
         Source("m", "a"),
-        explained={"mass": Explained(0.123, "climb"), "autopilot.damping[0]": Explained(4e-4, "roll")},
+        explained_variance={
+            "mass": ExplainedVariance(0.123, "climb"),
+            "autopilot.damping[0]": ExplainedVariance(4e-4, "roll"),
+        },
         not_identified={"quadratic_drag": "it hovers"},
         variation=Variation(np.diag([0.0016, np.nan, np.nan]), 4.0, 10.0),
     )
@@ -352,9 +355,9 @@ def identified():
     measured = np.zeros_like(time)
     predicted = np.full_like(time, 0.25)
     output = ForecastOutput("height", "m", time, measured, predicted, 0.9, 0.125)
-    none = output._replace(name="pitch", unit="rad", explained=-0.1)
+    none = output._replace(name="pitch", unit="rad", explained_variance=-0.1)
     return Identification(
-        estimates, None, (output, none), Spread(0.0321, 0.001, "s"), None, ("of the flights",),
+        estimates, None, (output, none), EstimatedValue(0.0321, 0.001, "s"), None, ("of the flights",),
         {"mass": SimpleNamespace(num_covered=9, errors=np.zeros(10))},
     )  # fmt: skip
 
@@ -417,7 +420,9 @@ def test_measurement_noise_and_trim_in_hover_are_printed(capsys, monkeypatch):
         signal="body_rates", unit="rad/s", at_rest=np.full(3, np.nan), in_flight=np.array([0.3, 0.0, 0.4])
     )
     monkeypatch.setattr(identify, "white_noise", lambda _: [noise])
-    monkeypatch.setattr(identify, "hover_means", lambda _, weight: {"mean roll": Spread(0.01 * weight, 0.01, "rad")})
+    monkeypatch.setattr(
+        identify, "hover_means", lambda _, weight: {"mean roll": EstimatedValue(0.01 * weight, 0.01, "rad")}
+    )
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: 0.0456)
     identify.print_hover([record], 10.0)
     header, row, *lines = capsys.readouterr().out.splitlines()

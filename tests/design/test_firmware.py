@@ -11,7 +11,7 @@ from drake_quad import InputError, load_scenario
 from drake_quad.assembly.control import control_setting
 from drake_quad.design.firmware.crazyflie import MAX_THRUST, crazyflie_layer, output_scales
 from drake_quad.design.firmware.layer import firmware_layer
-from drake_quad.design.firmware.parameters import defaults_of, read_parameters
+from drake_quad.design.firmware.parameters import default_parameters, read_parameters
 from drake_quad.design.firmware.px4 import px4_layer
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.nominal import nominal_parameters
@@ -77,7 +77,7 @@ def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, t
 
     The tuned parameters also activate all terms and filters that are off by default.
     """
-    parameters = read_parameters(TEST_FOLDER / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
+    parameters = read_parameters(TEST_FOLDER / "crazyflie_tuned.txt") if tuned else default_parameters("crazyflie")
     for name, output in outputs_of_scenario(parameters, recorded).items():
         expected = recorded[f"{name}_tuned" if tuned else name]
         if name.endswith("_out"):  # The firmware saturates these outputs to 16 bits in a later step.
@@ -93,7 +93,7 @@ def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, t
 
 def test_the_shipped_controller_has_the_default_parameters():
     shipped = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
-    from_defaults = with_firmware(defaults_of("crazyflie"))
+    from_defaults = with_firmware(default_parameters("crazyflie"))
     assert shipped.control == from_defaults.control
     assert shipped.laboratory.autopilot == from_defaults.laboratory.autopilot
 
@@ -122,7 +122,7 @@ def test_output_scales_of_the_crazyflie_match_its_mixer(recorded):
 def test_a_rate_error_causes_the_same_torque_as_in_px4():
     """Each 1 rad/s of roll rate error adds the fraction MC_ROLLRATE_K · MC_ROLLRATE_P of the full torque."""
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/racer", "gains/laboratory"])
-    nominal, values = nominal_parameters(scenario), dict(defaults_of("px4").values)
+    nominal, values = nominal_parameters(scenario), dict(default_parameters("px4").values)
     values |= {"MC_ROLLRATE_K": 0.5, "MC_ROLLRATE_FF": 0.01, "MPC_THR_HOVER": 0.4, "IMU_GYRO_RATEMAX": 1000.0}
     autopilot = px4_layer(values, nominal)["laboratory"]["autopilot"]
     unit = torque_units(nominal, 0.4)[0] / nominal.inertia.i_xx
@@ -135,7 +135,7 @@ def test_a_rate_error_causes_the_same_torque_as_in_px4():
 
 
 def test_the_climb_limit_of_a_crazyflie_is_at_least_half_a_metre_per_second():
-    values = dict(defaults_of("crazyflie").values) | {"posCtlPid.zVelMax": 0.2, "posCtlPid.xVelMax": 0.2}
+    values = dict(default_parameters("crazyflie").values) | {"posCtlPid.zVelMax": 0.2, "posCtlPid.xVelMax": 0.2}
     layer = crazyflie_layer(values, nominal_parameters(CRAZYFLIE_SCENARIO))
     assert layer["control"]["position"]["limit"] == pytest.approx([0.22, 1.1, 0.55])
 
@@ -189,7 +189,7 @@ def test_missing_parameters_have_their_defaults(text, firmware, values, tmp_path
     parameters = read_parameters(path)
     assert parameters.firmware == firmware
     assert {name: parameters.values[name] for name in values} == values
-    defaults = defaults_of(firmware)
+    defaults = default_parameters(firmware)
     assert parameters.values.keys() == defaults.values.keys()
     assert {*parameters.missing} == {name for name in defaults.values if name not in text or f"# {name}" in text}
 

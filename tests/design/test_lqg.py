@@ -18,11 +18,11 @@ from drake_quad.design.lqg import (
     LqgLimits,
     Plant,
     candidate_timings,
-    conditions_of,
+    considered_plants,
     design_lqg,
+    flight_conditions,
     lateral_plant_model,
     median_scenario,
-    plants_of,
     predict_performance,
     snap_limit,
     vertical_plant_model,
@@ -60,7 +60,7 @@ def low_wind(diagrams):
     scenario = load_scenario(
         f"{diagrams}/laboratory.yaml:low_wind", layers=[f"{diagrams}/controllers/lqg.yaml:lqg_low_wind"]
     )
-    return scenario, conditions_of(scenario)
+    return scenario, flight_conditions(scenario)
 
 
 def axes_of(scenario, plant, conditions):
@@ -154,20 +154,20 @@ def test_an_unstable_loop_has_an_infinite_error(shipped):
 
 
 def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
-    drawn = plants_of(load_scenario(f"{diagrams}/robustness.yaml"))
+    drawn = considered_plants(load_scenario(f"{diagrams}/robustness.yaml"))
     assert {(each.latency_frames, each.delay_ticks) for each in drawn[1:]} == {(0, 1), (1, 3)}
     assert sorted({round(each.lag, 4) for each in drawn}) == [0.035, 0.055, 0.075]
-    nominal = plants_of(load_scenario(f"{diagrams}/laboratory.yaml:nominal"))
+    nominal = considered_plants(load_scenario(f"{diagrams}/laboratory.yaml:nominal"))
     assert nominal[0]._replace(thrust_gain=1.0) == Plant(True, 0.05, None, 0, 1)
     assert nominal[0].thrust_gain == pytest.approx(1.0, abs=0.01)
     assert {(round(each.lag, 5), each.latency_frames, each.delay_ticks) for each in nominal[1:]} == {
         *((0.03125, 0, 1), (0.03125, 1, 2)),
         *((0.08, 0, 1), (0.08, 1, 2)),
     }
-    on_board = plants_of(load_scenario(f"{diagrams}/onboard.yaml"))
+    on_board = considered_plants(load_scenario(f"{diagrams}/onboard.yaml"))
     assert on_board[0].response == SecondOrderResponse(8.817, 0.7259)
     assert on_board[0].lags
-    identified, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
+    identified, *others = considered_plants(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
     assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
     # The derivative of the thrust curve is 18.27 N, and of the nominal curve 14.27 N.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
@@ -181,7 +181,7 @@ def test_conditions_have_the_disturbances_and_noise_of_the_scenario(diagrams, lo
     assert conditions.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
-    bad_day = conditions_of(load_scenario(f"{diagrams}/robustness.yaml"))
+    bad_day = flight_conditions(load_scenario(f"{diagrams}/robustness.yaml"))
     # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
@@ -189,10 +189,10 @@ def test_conditions_have_the_disturbances_and_noise_of_the_scenario(diagrams, lo
 
 def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(diagrams):
     """A design assumes the same bias as in a calm and ideal laboratory, the smallest one."""
-    identified = conditions_of(
+    identified = flight_conditions(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
     )
-    ideal = conditions_of(load_scenario(f"{diagrams}/figure_eight.yaml", ["duration=2", "metrics.start=0"]))
+    ideal = flight_conditions(load_scenario(f"{diagrams}/figure_eight.yaml", ["duration=2", "metrics.start=0"]))
     assert identified.bias == ideal.bias
     assert identified.lateral.mean > 5.0 * ideal.lateral.mean
 
@@ -203,7 +203,7 @@ def test_the_snap_limit_is_at_least_twice_the_constant_torque():
     limits, constant_snap, limit_of = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
-        conditions, vehicle = conditions_of(scenario), median_scenario(scenario).vehicle
+        conditions, vehicle = flight_conditions(scenario), median_scenario(scenario).vehicle
         levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
         constant_snap[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
         # 1 rad/s² corresponds to a snap of g. Unequal rotors also cause an angular acceleration.
@@ -216,7 +216,7 @@ def test_the_snap_limit_is_at_least_twice_the_constant_torque():
 def test_candidate_delays_are_the_plants_mean_delay_rounded_to_nearest_and_up(diagrams):
     # Frames are at most 10 ms late and commands 1 to 3 ticks of 20 ms, so the mean delay of the plants is 2.3 ticks.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
-    assert candidate_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
+    assert candidate_timings(bad_day, considered_plants(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
     assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
 
@@ -228,7 +228,7 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
     limits, margins = LqgLimits(), [*link_margins(median_scenario(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
     assert min(each.delay for each in margins) >= limits.delay
-    axes, timing = axes_of(scenario, plants_of(scenario)[0], conditions)
+    axes, timing = axes_of(scenario, considered_plants(scenario)[0], conditions)
     lateral, vertical = (predict_performance(loop, actual_plant, timing).command for loop, actual_plant in axes)
     assert 0.99 * limits.snap < lateral <= snap_limit(limits, conditions) == limits.snap
     assert vertical <= limits.acceleration
@@ -243,7 +243,7 @@ def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_
     """The command is an acceleration along z, and along all axes with an autopilot. It is a snap otherwise."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    stubs = {"conditions_of": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
+    stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
     for function, value in stubs.items():
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []

@@ -7,12 +7,12 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.design import tuning
-from drake_quad.design.tuning import Budget, Knob, tolerated_delay, tune
+from drake_quad.design.tuning import Budget, TuningParameter, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
-K_P_KNOB = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D_KNOB = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
-HEIGHT_KNOB = Knob(("control.position.k_p.2",), 1.0, 20.0)
+K_P_KNOB = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D_KNOB = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+HEIGHT_KNOB = TuningParameter(("control.position.k_p.2",), 1.0, 20.0)
 FLIGHT_DURATION = 4.0  # s
 
 
@@ -75,7 +75,7 @@ def test_the_gains_with_the_smallest_error_are_found(laboratory, stub_flights):
     result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=SEARCH_BUDGET)
     assert result.values == pytest.approx((4.0, 2.0), rel=0.01)
     assert result.error == pytest.approx(0.1, rel=1e-4)
-    assert result.limit_fraction == np.inf
+    assert result.min_margin_ratio == np.inf
 
 
 def test_the_gains_with_the_smallest_error_within_a_limit_are_found(laboratory, stub_flights):
@@ -88,11 +88,11 @@ def test_the_gains_with_the_smallest_error_within_a_limit_are_found(laboratory, 
         budget=SEARCH_BUDGET,
     )
     assert result.values == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
-    assert 1.0 <= result.limit_fraction < 1.02
+    assert 1.0 <= result.min_margin_ratio < 1.02
 
 
 def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
-    """`limit_fractions` returns a single zero for an unstable loop, and two ratios for a stable loop."""
+    """`margin_ratios` returns a single zero for an unstable loop, and two ratios for a stable loop."""
     stub_flights(quadratic_error)
 
     def fractions(scenario):
@@ -100,7 +100,7 @@ def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
         return np.zeros(1) if gain > 3.0 else np.array([2.5 / gain, 0.9 + 1.0 / scenario.control.position.k_d[0]])
 
     result = tune([laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=SEARCH_BUDGET)
-    assert result.limit_fraction >= 1.0
+    assert result.min_margin_ratio >= 1.0
     assert result.values == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
 
 

@@ -6,17 +6,25 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.design.tuning import Budget, Knob, LoopLimit, tolerated_delay, tune, with_extra_latency, with_numbers
+from drake_quad.design.tuning import (
+    Budget,
+    LoopLimit,
+    TuningParameter,
+    tolerated_delay,
+    tune,
+    with_extra_latency,
+    with_parameter_values,
+)
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.studies.comparison import fly_samples
 
-K_P_KNOB = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D_KNOB = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+K_P_KNOB = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D_KNOB = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
 def stiffness_limit(max_k_p):
-    """Return a function like `LoopLimit.limit_fractions`: the ratio of a limit on k_P to the scenario's k_P."""
+    """Return a function like `LoopLimit.margin_ratios`: the ratio of a limit on k_P to the scenario's k_P."""
     return lambda scenario: np.array([max_k_p / scenario.control.position.k_p[0]])
 
 
@@ -29,8 +37,8 @@ def laboratory(diagrams):
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
     result = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(2.0), budget=budget)
-    assert result.limit_fraction >= 1.0
-    metrics = fly_samples(with_numbers(laboratory, [K_P_KNOB, K_D_KNOB], result.values), range(2))
+    assert result.min_margin_ratio >= 1.0
+    metrics = fly_samples(with_parameter_values(laboratory, [K_P_KNOB, K_D_KNOB], result.values), range(2))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     grid = itertools.product((1.0, 2.0), (1.5, 3.0))
     gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
@@ -49,7 +57,7 @@ def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laborator
         budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
     )
     assert result.values[0] == pytest.approx(0.5, rel=0.1)
-    assert result.limit_fraction == pytest.approx(0.25 / result.values[0])
+    assert result.min_margin_ratio == pytest.approx(0.25 / result.values[0])
 
 
 @pytest.mark.slow
@@ -58,16 +66,16 @@ def test_the_smallest_limit_fraction_is_that_of_the_worst_loop(laboratory, diagr
     margins_by_signal = link_margins(scenario)
     peak = max(margins.sensitivity for margins in margins_by_signal.values())
     delay = min(margins.delay for margins in margins_by_signal.values())
-    assert LoopLimit(0.8 * peak, 1e-3).limit_fractions(scenario).min() == pytest.approx(0.8, rel=5e-3)
-    assert LoopLimit(50.0, 1.6 * delay).limit_fractions(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
+    assert LoopLimit(0.8 * peak, 1e-3).margin_ratios(scenario).min() == pytest.approx(0.8, rel=5e-3)
+    assert LoopLimit(50.0, 1.6 * delay).margin_ratios(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
     stiff = load_scenario(diagrams / "laboratory.yaml:nominal", ["control.attitude.k_p=[900, 900, 5]"])
-    assert LoopLimit().limit_fractions(stiff).max() == 0.0
+    assert LoopLimit().margin_ratios(stiff).max() == 0.0
 
 
 def test_limits_apply_to_the_medians_of_distributions():
     scenario = load_scenario("robustness", layers=["controllers/designed/robustness:pid"])
-    fractions = LoopLimit().limit_fractions(scenario)
-    assert fractions == pytest.approx(LoopLimit().limit_fractions(median_scenario(scenario)))
+    fractions = LoopLimit().margin_ratios(scenario)
+    assert fractions == pytest.approx(LoopLimit().margin_ratios(median_scenario(scenario)))
     assert fractions.min() == pytest.approx(1.0, abs=0.01)  # the design meets the limits exactly
 
 
@@ -82,16 +90,16 @@ def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory)
 
 @pytest.mark.slow
 def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_error_wins(laboratory):
-    height = Knob(("control.position.k_p.2",), 0.5, 30.0)
+    height = TuningParameter(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
     result = tune([laboratory, laboratory], [height, K_P_KNOB], None, budget=budget)
     assert height.vertical
     assert not K_P_KNOB.vertical
-    assert result.limit_fraction == np.inf
-    metrics = fly_samples(with_numbers(laboratory, [height, K_P_KNOB], result.values), range(1))
+    assert result.min_margin_ratio == np.inf
+    metrics = fly_samples(with_parameter_values(laboratory, [height, K_P_KNOB], result.values), range(1))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     for number in ((0.6, result.values[1]), (result.values[0], 0.6)):
-        other = fly_samples(with_numbers(laboratory, [height, K_P_KNOB], number), range(1))
+        other = fly_samples(with_parameter_values(laboratory, [height, K_P_KNOB], number), range(1))
         assert result.error < float(other.rmse.mean())
 
 
@@ -127,11 +135,14 @@ def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
 @pytest.mark.slow
 def test_crashes_with_extra_latency_add_to_the_error(narrow):
     """A crash at time t of T adds 2 - t / T metres to the error of the flights without latency."""
-    knob, budget = Knob(("control.position.k_p.0",), 3.3, 3.301), Budget(rounds=1, candidates=4, samples=2, steps=1)
+    knob, budget = (
+        TuningParameter(("control.position.k_p.0",), 3.3, 3.301),
+        Budget(rounds=1, candidates=4, samples=2, steps=1),
+    )
     error_without, error_with = (
         tune([narrow], [knob], None, budget=budget, extra_latency=extra_latency).error for extra_latency in (0.0, 0.09)
     )
-    metrics = fly_samples(with_numbers(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
+    metrics = fly_samples(with_parameter_values(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
     assert metrics.crashed.all()
     assert error_without < 0.1
     assert error_with - error_without == pytest.approx(float((2.0 - metrics.crash_time / 3.0).mean()), rel=1e-3)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drake_quad.evaluation.designs import design_file, designs_in, write_designs
-from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.designs import design_file, read_designs, write_designs
+from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.protocol import _write_predictive_control, previous_numbers
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_DESIGNS, SENSITIVITY_LIMITS, priced_name
@@ -24,14 +24,14 @@ def numbers_in(design, paths):
 @pytest.fixture(scope="module")
 def designs(diagrams):
     """Return the shipped designs by family, and the designs with other limits."""
-    return {name: designs_in(design_file(diagrams, name)) for name in (*FAMILIES, PRICED_DESIGNS)}
+    return {name: read_designs(design_file(diagrams, name)) for name in (*FAMILIES, PRICED_DESIGNS)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, designs):
     family = FAMILIES[name]
-    entries = entries_of(on_board=family.on_board, maps=family.maps)
+    entries = controller_entries(on_board=family.on_board, maps=family.maps)
     # The file of the laboratory also contains a design with a smaller margin.
     assert designs[name].keys() - {"indi_fast"} == entries.keys()
     for key, entry in entries.items():
@@ -54,7 +54,7 @@ def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, 
 
 
 def test_entries_have_consistent_attributes():
-    entries = entries_of(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, maps=True)
     assert [name for name, each in entries.items() if each.uncompiled] == ["mpc"]
     in_laps = [name for name, each in entries.items() if each.trained_in_laps]
     assert in_laps == [name for name in entries if name.endswith("_map")]
@@ -63,13 +63,13 @@ def test_entries_have_consistent_attributes():
         assert each.label == "LQG" or not each.base or each.label.startswith(f"{entries[each.base].label} + type ")
         assert each.base or ("lag" in each.plant_knowledge) == ("lag" in str(each.knobs) or name == "lqg")
     assert len({each.label for each in entries.values()}) == len(entries)
-    without = entries_of(on_board=False, maps=False)
+    without = controller_entries(on_board=False, maps=False)
     assert entries.keys() - without.keys() == set(in_laps)
-    assert entries.keys() - entries_of(on_board=True, maps=True).keys() == {"geometric"}
+    assert entries.keys() - controller_entries(on_board=True, maps=True).keys() == {"geometric"}
 
 
 def test_the_middle_of_a_range_is_its_geometric_mean():
-    entry = entries_of(on_board=True, maps=False)["pd"]
+    entry = controller_entries(on_board=True, maps=False)["pd"]
     tree = entry.geometric_mean()
     for knob in entry.knobs:
         for number in numbers_in(tree, knob.paths):
@@ -83,7 +83,7 @@ def test_the_mpc_design_is_the_lqg_regulator_with_a_horizon(name, designs, tmp_p
     assert list(_write_predictive_control(path)) == []
     path.write_text("lqg:\n  control: {kind: lqg, kalman: [1.0, 2.0]}\n", encoding="utf-8")
     assert [each.name for each in _write_predictive_control(path)] == ["mpc"]
-    assert designs_in(path)["mpc"] == {"control": {"kind": "mpc", "kalman": [1.0, 2.0], "horizon": 0.6}}
+    assert read_designs(path)["mpc"] == {"control": {"kind": "mpc", "kalman": [1.0, 2.0], "horizon": 0.6}}
     shipped = designs[name]
     assert shipped["mpc"]["control"] == {**shipped["lqg"]["control"], "kind": "mpc", "horizon": 0.6}
 
@@ -92,7 +92,7 @@ def test_the_mpc_design_is_the_lqg_regulator_with_a_horizon(name, designs, tmp_p
 def test_the_parameters_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
     family = FAMILIES["laboratory"]
     path = design_file(diagrams, "laboratory")
-    entries = entries_of(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, maps=True)
     for key in ("indi", "pd_t2fnn"):
         expected = [numbers_in(designs["laboratory"][key], knob.paths)[0] for knob in entries[key].knobs]
         assert previous_numbers(diagrams, family, path, key, entries[key]) == expected
@@ -113,7 +113,7 @@ def test_rewriting_designs_does_not_change_their_file(diagrams, tmp_path):
     path = design_file(diagrams, "neural_fly")
     copy = tmp_path / "designs.yaml"
     copy.write_bytes(path.read_bytes())
-    write_designs(copy, plain(designs_in(copy)), comments={})
+    write_designs(copy, plain(read_designs(copy)), comments={})
     assert copy.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
     text = copy.read_text(encoding="utf-8")
     assert "attitude: null" in text

@@ -11,8 +11,8 @@ from drake_quad import InputError, load_scenario
 from drake_quad.design.certificate import certify_hover
 from drake_quad.design.tuning import Budget, LoopLimit, TuningResult
 from drake_quad.evaluation import experiment, protocol
-from drake_quad.evaluation.designs import design_file, designs_in, write_designs
-from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.designs import design_file, read_designs, write_designs
+from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.experiment import (
     QUICK,
     EvaluationSizes,
@@ -296,18 +296,18 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
     winds = (f"{wind}: {{extends: '{diagrams}/laboratory.yaml:{wind}'}}\n" for wind in ("low_wind", "high_wind"))
     (folder / "laboratory.yaml").write_text("".join(winds), encoding="utf-8")
     monkeypatch.setattr(protocol, "design_lqg", lambda place, wanted: limits.append((place, wanted)) or lqg)
-    monkeypatch.setattr(LoopLimit, "limit_fractions", lambda limit, scenario: limit.sensitivity)
+    monkeypatch.setattr(LoopLimit, "margin_ratios", lambda limit, scenario: limit.sensitivity)
     budget = Budget(rounds=2, candidates=4)
     made = list(protocol.design_priced(folder, budget=budget))
     path = design_file(folder, "priced")
     names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITY_LIMITS]
-    assert [each.name for each in made] == [*designs_in(path)] == names
+    assert [each.name for each in made] == [*read_designs(path)] == names
     assert list(path.parent.iterdir()) == [path]
     assert path.read_text(encoding="utf-8").startswith(
         "# Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity"
     )
-    entry = entries_of(on_board=False, maps=False)["indi"]
-    assert designs_in(path)["indi@1.6"] == entry.geometric_mean()
+    entry = controller_entries(on_board=False, maps=False)["indi"]
+    assert read_designs(path)["indi@1.6"] == entry.geometric_mean()
     for (scenarios, fractions, given, later, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
         assert fractions(scenarios[0]) == limit
@@ -315,7 +315,7 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
     assert made[0].description == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
     assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITY_LIMITS]
     assert {(place.name, wanted.delay) for place, wanted in limits} == {("high_wind", 0.05)}
-    assert designs_in(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
+    assert read_designs(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
     assert made[-1].description == "designed from Riccati equations"
 
 
@@ -340,7 +340,7 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
         return 0.03
 
     monkeypatch.setattr(protocol, "tolerated_delay", tolerated)
-    entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
+    entries = {name: controller_entries(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
     budget = Budget(rounds=3)
     made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
     late = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"

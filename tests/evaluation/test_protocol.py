@@ -6,8 +6,8 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation import experiment
-from drake_quad.evaluation.designs import designs_in, write_designs
-from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.designs import read_designs, write_designs
+from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.experiment import (
     QUICK,
     EvaluationSizes,
@@ -33,7 +33,9 @@ def test_training_and_evaluation_samples_are_disjoint():
 @pytest.mark.parametrize("name", FAMILIES)
 def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path):
     family = FAMILIES[name]
-    entries = {key: each for key, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs}
+    entries = {
+        key: each for key, each in controller_entries(on_board=family.on_board, maps=family.maps).items() if each.knobs
+    }
     own = {key: each for key, each in entries.items() if each.base != "lqg"}
     path = write_designs(
         tmp_path / "designs.yaml", {key: each.geometric_mean() for key, each in own.items()}, comments={}
@@ -56,14 +58,14 @@ def test_other_designs_in_a_file_are_not_changed(tmp_path):
     assert text.count("numbers") == 1
     assert "\npd: # 3 numbers\n" in text.replace("pd:  ", "pd: ")
     assert "gains: [2.5, 2.0]" in text
-    assert tuple(designs_in(path)) == ("mine", "pd")
+    assert tuple(read_designs(path)) == ("mine", "pd")
 
 
 def test_an_invalid_design_file_is_refused(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("- pd\n", encoding="utf-8")
     with pytest.raises(InputError, match="must contain a mapping from names to controllers"):
-        designs_in(path)
+        read_designs(path)
     with pytest.raises(InputError, match="there is no tunable controller lqg"):
         tunable_entries(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
 
@@ -86,7 +88,7 @@ def copied(diagrams, tmp_path):
 @pytest.mark.long
 def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkeypatch):
     """The search and the flights are real; the linear models, which take most of the time, are replaced."""
-    monkeypatch.setattr(LoopLimit, "limit_fractions", lambda limit, scenario: np.ones(1))
+    monkeypatch.setattr(LoopLimit, "margin_ratios", lambda limit, scenario: np.ones(1))
     monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (2.0, 0.05))
     folder, family = copied
     path = folder / "controllers" / "designed" / "mine.yaml"
@@ -94,7 +96,7 @@ def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkey
     budget = Budget(rounds=2, candidates=16, samples=2, checks=2, steps=4)
     made = list(design_family(folder, "mine", family, entries, budget=budget))
     assert [each.name for each in made] == ["pd", "pd_t1fnn"]
-    assert tuple(designs_in(path)) == ("pd", "pd_t1fnn")
+    assert tuple(read_designs(path)) == ("pd", "pd_t1fnn")
     assert list(path.parent.iterdir()) == [path]
     sizes = EvaluationSizes(samples=3, delayed=2, max_delay_frames=2)
     (place, name, metrics), (_, _, traits), *_ = fly_family(folder, "mine", family, "pd", sizes)
@@ -125,7 +127,7 @@ def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
 @pytest.mark.long
 def test_laps_are_flown_with_and_without_a_position_network(diagrams, tmp_path):
     family = FAMILIES["laboratory"]
-    entries = entries_of(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, maps=True)
     (tmp_path / "controllers" / "designed").mkdir(parents=True)
     (tmp_path / "lab.yaml").write_text(f"lab: {{extends: '{diagrams}/laboratory.yaml:high_wind'}}\n", encoding="utf-8")
     own = {name: entries[name].geometric_mean() for name in ("pd", "pd_t2fnn_map")}

@@ -16,7 +16,7 @@ from drake_quad.evaluation.claims import (
     designs_by_sensitivity,
     lap_counts,
 )
-from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE
 from drake_quad.evaluation.report import CAPTIONS, machine, report_markdown, write_summary
@@ -235,7 +235,7 @@ def test_the_report_describes_the_protocol_with_its_values(found):
     ):
         assert words in text
     assert all(f"figures/{name}.png" in text for name in CAPTIONS)
-    entries = entries_of(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, maps=True)
     rows = rows_of(report_markdown(found, claims, []))
     for each in entries.values():
         tuned = f"search over {len(each.knobs)} numbers" if each.knobs else "Riccati equations"
@@ -256,12 +256,12 @@ def test_rules_list_the_values_of_their_claims(found):
 def test_entries_without_a_design_are_listed(found):
     text = report_markdown(found, all_claims(found), [])
     (line,) = (line for line in text.split("\n") if line.startswith("- outdoor: ") and " cm " not in line)
-    known = entries_of(on_board=False, maps=False)
+    known = controller_entries(on_board=False, maps=False)
     names = [each.label for name, each in known.items() if name not in found.traits["outdoor"]]
     assert line == f"- outdoor: {', '.join(names)}"
     whole = evaluation()
     for name, family in FAMILIES.items():
-        names = entries_of(on_board=family.on_board, maps=family.maps)
+        names = controller_entries(on_board=family.on_board, maps=family.maps)
         whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
         for place in family.laboratories:
             whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}

@@ -70,7 +70,7 @@ def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
 def test_designs_for_scenario_families_meet_the_loop_limit_of_the_protocol(spec):
     family = spec.partition(".")[0]
     scenario = load_scenario(f"{DIAGRAMS}/{spec}", layers=[f"{DIAGRAMS}/controllers/designed/{family}.yaml:lqg"])
-    assert LoopLimit().limit_fractions(median_scenario(scenario)).min() >= 1.0
+    assert LoopLimit().margin_ratios(median_scenario(scenario)).min() >= 1.0
     cascade = np.mean([metrics.rmse for metrics in metrics_of_flights(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
     assert mean_rmse(scenario) < cascade
 

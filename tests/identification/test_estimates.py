@@ -6,8 +6,8 @@ import scipy
 
 from drake_quad import InputError
 from drake_quad.identification.random_effects import Variation
-from drake_quad.identification.result import Spread
-from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
+from drake_quad.identification.result import EstimatedValue
+from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source, scenario_path
 
 SOURCE = Source("least squares", "flight.bin")
 
@@ -105,8 +105,8 @@ def test_an_unknown_variation_does_not_change_the_covariance_for_a_new_flight():
 
 def test_few_degrees_of_freedom_widen_an_interval():
     """The half-width of the 95 % interval is 2.36 standard deviations for seven degrees of freedom."""
-    assert Spread(1.0, 0.1, "N", 7.0).half_width == pytest.approx(0.2365, abs=1e-4)
-    assert Spread(1.0, 0.1, "N").half_width == pytest.approx(0.1960, abs=1e-4)
+    assert EstimatedValue(1.0, 0.1, "N", 7.0).half_width == pytest.approx(0.2365, abs=1e-4)
+    assert EstimatedValue(1.0, 0.1, "N").half_width == pytest.approx(0.1960, abs=1e-4)
 
 
 def test_a_covariance_with_rounding_errors_becomes_symmetric():
@@ -121,7 +121,7 @@ def test_a_subset_of_estimates_keeps_the_data_of_its_parameters():
         covariance=np.diag([1.0, 4.0, 9.0]) + 0.1,
         degrees_of_freedom=[1.0, 2.0, 3.0],
         sources=((SOURCE,), (SOURCE, Source("scale", "none")), (SOURCE,)),
-        explained={"mass": Explained(0.5, "thrust"), "arm_length": Explained(0.1, "roll")},
+        explained_variance={"mass": ExplainedVariance(0.5, "thrust"), "arm_length": ExplainedVariance(0.1, "roll")},
         not_identified={"drag_factor": "yaw was not moved", "mass": "it was"},
     )
     part = found.subset(["arm_length", "inertia[2]"])
@@ -129,7 +129,7 @@ def test_a_subset_of_estimates_keeps_the_data_of_its_parameters():
     np.testing.assert_array_equal(part.values, [0.05, 3e-5])
     np.testing.assert_array_equal(part.covariance, [[9.1, 0.1], [0.1, 4.1]])
     assert (tuple(part.degrees_of_freedom), part.sources_of(1)) == ((3.0, 2.0), (SOURCE, Source("scale", "none")))
-    assert part.explained == {"arm_length": Explained(0.1, "roll")}
+    assert part.explained_variance == {"arm_length": ExplainedVariance(0.1, "roll")}
     # A parameter that is not identified may be among the estimates, with the value of the data sheet.
     assert found.identified == ("inertia[2]", "arm_length")
     assert found.not_identified == part.not_identified == {"drag_factor": "yaw was not moved", "mass": "it was"}

@@ -616,7 +616,7 @@ def test_noise_changes_by_at_most_a_factor_of_twelve_within_its_limits(
     limits = np.repeat([1e-5, 1e-3, 0.02], [2, 6, 6])
     if direction > 0.0:
         near = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
-        near.memory[2] = 0.1
+        near.correlation_time[2] = 0.1
         limits = np.repeat([100.0, 1e3, 20.0], [2, 6, 6])
         limits[thrust] = 0.25
     found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))

@@ -21,11 +21,11 @@ from drake_quad.identification.flight_differences import (
     within_flights,
 )
 from drake_quad.identification.parameters import Parameter
-from drake_quad.identification.prepared_logs import blocks_of, initial_noise, prepare
+from drake_quad.identification.prepared_logs import block_numbers_of_windows, initial_noise, prepare
 from drake_quad.identification.random_effects import Variation
-from drake_quad.identification.result import FlightDifference, Spread
+from drake_quad.identification.result import EstimatedValue, FlightDifference
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, record_of
 
 WINDOWS, SAMPLES = 20, 30
@@ -37,7 +37,7 @@ def turned(heading: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=-1)
 
 
-def values_of(forces: dict[str, Spread], name: str) -> list[float]:
+def values_of(forces: dict[str, EstimatedValue], name: str) -> list[float]:
     return [forces[f"{name}.{axis}"].value for axis in "xy"]
 
 
@@ -83,15 +83,15 @@ def test_the_interval_for_the_next_flight_follows_from_the_spread_of_earlier_fli
     """The interval is Student's with F - 1 degrees of freedom for F flights."""
     rng, trials, flights = np.random.default_rng(1), 4000, 4
     values = 2.0 + 0.5 * rng.normal(size=(trials, flights + 1))
-    spreads = [[Spread(value, 0.0, "N") for value in row[:-1]] for row in values]
+    spreads = [[EstimatedValue(value, 0.0, "N") for value in row[:-1]] for row in values]
     deviations = np.sqrt([next_flight_variance(row) for row in spreads])
     inside = np.abs(values[:, -1] - values[:, :-1].mean(axis=1)) < scipy.stats.t.ppf(0.975, flights - 1) * deviations
     assert inside.mean() == pytest.approx(0.95, abs=0.012)
     # The variance of the estimation errors is subtracted from the variance of the flights' values.
-    assert next_flight_variance([Spread(value, 0.2, "N") for value in (0.0, 0.3, 0.6)]) == pytest.approx(
+    assert next_flight_variance([EstimatedValue(value, 0.2, "N") for value in (0.0, 0.3, 0.6)]) == pytest.approx(
         (0.09 - 0.04) * 4.0 / 3.0
     )
-    assert next_flight_variance([Spread(value, 0.4, "N") for value in (0.0, 0.3, 0.6)]) == 0.0
+    assert next_flight_variance([EstimatedValue(value, 0.4, "N") for value in (0.0, 0.3, 0.6)]) == 0.0
 
 
 def evidence_of(scales: np.ndarray, windows: int = 6) -> tuple[Evidence, SimpleNamespace]:
@@ -188,7 +188,9 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
     # Rows 12 to 19 of the state are the disturbance: x, y, z, p, q, r and the constant x and y.
     disturbance[:, 6:8] = own * np.exp(-period / memory[:2])[:, None]
     disturbance[:, 12:] = constant
-    fitted = SimpleNamespace(noise=SimpleNamespace(memory=memory), gains=SimpleNamespace(disturbance=disturbance))
+    fitted = SimpleNamespace(
+        noise=SimpleNamespace(correlation_time=memory), gains=SimpleNamespace(disturbance=disturbance)
+    )
     attitudes = [random.normal(size=(5 + WINDOW_LENGTH * count, 3)) for count in counts]
     records = [
         SimpleNamespace(name="abc"[flight], attitude=attitude, of={"attitude": attitude}.__getitem__)
@@ -209,7 +211,7 @@ def test_forces_of_a_flight_follow_from_the_filter_in_its_windows() -> None:
     for flight, first in ((0, 0), (1, 24)):
         count = counts[flight]
         heading = logs.records[flight].attitude[5:, 2].reshape(count, WINDOW_LENGTH)
-        expected = forces_of(heading, force[first : first + count], blocks_of(count, 2.0 * count, 5))
+        expected = forces_of(heading, force[first : first + count], block_numbers_of_windows(count, 2.0 * count, 5))
         for name, spread in expected.items():
             own = found[flight].forces[name]
             assert (own.value, own.deviation) == pytest.approx((spread.value, spread.deviation))
@@ -260,9 +262,9 @@ def differences(thrusts: list[float], trims: list[float] | None) -> list[FlightD
         forces = (
             {}
             if trims is None
-            else {name: Spread(value, 0.03, "N", 8.0) for name, value in zip(TRIM_FORCE, (trims[i], 0.2))}
+            else {name: EstimatedValue(value, 0.03, "N", 8.0) for name, value in zip(TRIM_FORCE, (trims[i], 0.2))}
         )
-        found.append(FlightDifference("abcd"[i], Spread(thrust, 0.0, "1", 8.0), forces))
+        found.append(FlightDifference("abcd"[i], EstimatedValue(thrust, 0.0, "1", 8.0), forces))
     return found
 
 
@@ -320,7 +322,7 @@ def test_the_error_of_the_mean_trim_force_combines_all_flights() -> None:
     trims = zip([0.1, 0.3, -0.4, 0.2], deviations, freedoms)
     flights = differences([0.0] * 4, [0.0] * 4)
     flights = [
-        each._replace(forces={**each.forces, "trim_force.x": Spread(value, deviation, "N", freedom)})
+        each._replace(forces={**each.forces, "trim_force.x": EstimatedValue(value, deviation, "N", freedom)})
         for each, (value, deviation, freedom) in zip(flights, trims, strict=True)
     ]
     found = with_differences(varying, flights, load_scenario("hover"), 20.0)
@@ -348,7 +350,7 @@ def test_changes_of_a_vehicle_between_its_flights_are_estimated(root) -> None:
     scenario = known.simulated_scenario(root / "diagrams", plain)
     logs, _ = prepare(records, scenario)
     predictor = logs.predictor(("thrust_factor",), logs.flying)
-    start = number_of(scenario, "thrust_factor")
+    start = vehicle_value(scenario, "thrust_factor")
     fitted = fit(predictor, [Parameter("thrust_factor", start, start)], initial_noise(logs.outputs))
     evidence = fitted.evidence(("thrust_factor",), (start,), predictor.duration)
     found = flight_differences(logs, predictor, fitted, evidence)

@@ -61,7 +61,7 @@ def test_the_explained_fraction_refers_to_motion_beyond_coasting(predictor):
     """Coasting means constant velocity, constant rates of the angles, constant body rates and the mean force."""
     made, _, curved, state = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)
-    explained = [output.explained for output in found]
+    explained = [output.explained_variance for output in found]
     expected = [1.0 - 0.5**2, 1.0 - 0.1**2, 1.0]
     np.testing.assert_allclose(explained[:3], expected)
     force = made.measured[NUM_SETTLING_SAMPLES:, 3]

@@ -10,14 +10,14 @@ from neural_fly_flight import DIAGRAM, guessed, write_flight
 
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate, simulate_samples
-from drake_quad.identification.delays import delay_of
+from drake_quad.identification.delays import total_delay
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, LogModel
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.result import Identification
-from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, record_of
 from drake_quad.identification.windows import WindowSizes, split_into_windows
 from drake_quad.planning.duration import flight_duration
@@ -39,7 +39,9 @@ def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, flo
     """Return the parameters whose true value is outside of the interval, with the error and the half-width."""
     estimates = found.estimates
     rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
-    off = {name: (value - number_of(true, name), reach) for name, value, reach in rows if name in estimates.identified}
+    off = {
+        name: (value - vehicle_value(true, name), reach) for name, value, reach in rows if name in estimates.identified
+    }
     return {name: (error, reach) for name, (error, reach) in off.items() if abs(error) > reach}
 
 
@@ -78,7 +80,7 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: i
     assert len(missed) <= 2, missed
     assert all(abs(error) < 2.0 * reach for error, reach in missed.values()), missed
     assert found.delay is not None
-    true = delay_of(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
+    true = total_delay(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
     assert abs(found.delay.value - true) < 1.5 * found.delay.half_width
 
 

@@ -8,15 +8,15 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import flight_differences
 from drake_quad.identification import identify as module
-from drake_quad.identification.delays import delay_of, frame_age
+from drake_quad.identification.delays import frame_age, total_delay
 from drake_quad.identification.fit import PredictionFit
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
-from drake_quad.identification.parameters import Parameter, names_of
+from drake_quad.identification.parameters import Parameter, parameter_names
 from drake_quad.identification.prediction_errors import Gains, Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, prepare, window_blocks
 from drake_quad.identification.result import ForecastOutput
-from drake_quad.identification.results.estimates import Explained, quantile
+from drake_quad.identification.results.estimates import ExplainedVariance, quantile
 
 PERIOD = 0.01  # s, sampling period
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
@@ -88,7 +88,9 @@ class Recorded:
     def fit(self, predictor, parameters, noise, start=None):
         found = fitted_to(predictor, parameters, noise=self.noise, seed=len(self.fits))
         found = found._replace(values=found.values * (1.0 + 0.01 * (1 + len(self.fits))))
-        self.fits.append(SimpleNamespace(predictor=predictor, names=names_of(parameters), noise=noise, start=start))
+        self.fits.append(
+            SimpleNamespace(predictor=predictor, names=parameter_names(parameters), noise=noise, start=start)
+        )
         self.fits[-1].found = found
         return found
 
@@ -132,7 +134,7 @@ def test_the_parameters_are_fitted_once_if_no_flight_is_held_out(monkeypatch, ro
     (only,) = calls.fits
     assert (calls.forecasts, found.outputs, found.training_vehicle) == ([], (), None)
     assert only.start is None
-    assert dict(found.estimates.explained) == {}
+    assert dict(found.estimates.explained_variance) == {}
 
 
 def test_parameters_hidden_by_a_disturbance_are_fixed_in_a_further_fit(monkeypatch, rotors):
@@ -178,9 +180,9 @@ def test_an_identified_vehicle_has_the_estimates_and_the_delay_in_ticks_of_the_l
     for delay, expected in ((frame_age(rotors) + 0.013, frame_age(rotors) + 0.013), (0.0, frame_age(rotors))):
         found = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
         assert found.vehicle.thrust_factor == 5e-5
-        assert delay_of(found) == pytest.approx(expected)
+        assert total_delay(found) == pytest.approx(expected)
     kept = module._vehicle(logs, rotors, {"thrust_factor": 5e-5})
-    assert delay_of(kept) == delay_of(rotors)
+    assert total_delay(kept) == total_delay(rotors)
     assert kept.vehicle.motors == rotors.vehicle.motors
     throttles = log_of(
         5.0, rotor_speed_command=None, motor_command=np.full((500, 4), 0.5), battery_voltage=np.full(500, 11.4)
@@ -196,7 +198,7 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     parameters = module.parameters_of(
         logs.scenario, logs.signals, has_motor_throttles=False, delay=0.02, max_delay=MAX_DELAY
     )
-    names = names_of(parameters)
+    names = parameter_names(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
     found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {})
@@ -205,7 +207,7 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
 
 def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(monkeypatch, rotors):
     found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
-    names, estimates = names_of(parameters), found.estimates
+    names, estimates = parameter_names(parameters), found.estimates
     own = [i for i, name in enumerate(names) if name != DELAY]
     assert estimates.names == (*(names[i] for i in own), *NOISE_NAMES)
     np.testing.assert_array_equal(estimates.values[: len(own)], fitted.values[own])
@@ -234,7 +236,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
     assert estimates.sources_of(0)[0].method == "prediction errors of attitude and position"
     assert estimates.sources_of(0)[0].log == "log"
     assert found.vehicle.vehicle.inertia[1] == pytest.approx(rotors.vehicle.inertia[1])
-    assert delay_of(found.vehicle) == pytest.approx(max(0.02, frame_age(rotors)))
+    assert total_delay(found.vehicle) == pytest.approx(max(0.02, frame_age(rotors)))
 
 
 @pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
@@ -257,11 +259,11 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
         assert found.delay is None
         assert any(remark.startswith("the delay is not identified: its 95 % interval is") for remark in found.remarks)
         assert DELAY not in found.estimates.not_identified
-        assert delay_of(found.vehicle) == delay_of(rotors)
+        assert total_delay(found.vehicle) == total_delay(rotors)
     else:
         assert found.estimates.not_identified[weak].startswith("its 95 % interval is")
         assert weak in found.estimates.names
-        assert delay_of(found.vehicle) == pytest.approx(0.1)
+        assert total_delay(found.vehicle) == pytest.approx(0.1)
 
 
 def test_logs_that_determine_nothing_but_a_delay_are_refused(monkeypatch, rotors):
@@ -294,7 +296,7 @@ def test_all_reasons_why_parameters_are_not_identified_are_reported(monkeypatch,
     assert reasons["mass"].startswith("motion determines forces only relative to the mass")
     assert NOISE_NAMES[0] not in found.estimates.names
     assert found.estimates.value(NOISE_NAMES[1]) == 4e-3
-    assert found.estimates.explained["thrust_factor"].fraction == 0.7
+    assert found.estimates.explained_variance["thrust_factor"].fraction == 0.7
     assert len(found.outputs) == 6
 
 
@@ -319,7 +321,7 @@ def test_the_explained_fraction_of_a_parameter_comes_from_the_most_sensitive_out
     shown = [ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()]
     found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
     # An output that does not vary explains nothing; a delay is not a parameter of the vehicle.
-    assert found == {"mass": Explained(0.5, "z"), "inertia[1]": Explained(0.9, "pitch")}
+    assert found == {"mass": ExplainedVariance(0.5, "z"), "inertia[1]": ExplainedVariance(0.9, "pitch")}
 
 
 def test_remarks_name_effects_that_a_log_cannot_distinguish():

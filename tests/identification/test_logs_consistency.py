@@ -9,7 +9,7 @@ import pytest
 import scipy
 from written_logs import DATA
 
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.consistency import (
     _force_in_body,
     _is_other_frame,
@@ -52,7 +52,7 @@ def flight(noise=1.0):
     roll = np.arctan2(-across, np.hypot(along, thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, yaw])
     body_rates = rates_of(attitude)
-    specific_force = rotations_of(attitude).apply(force, inverse=True)
+    specific_force = rotation_matrices(attitude).apply(force, inverse=True)
     exact = {
         "position": (position, 1e-3),
         "velocity": (velocity, 0.02),
@@ -265,8 +265,8 @@ def test_each_wrong_unit_is_named(name, factor, words):
 
 def test_each_wrong_frame_is_named():
     clean = flight()
-    to_world = rotations_of(clean["attitude"]).apply
-    to_body = rotations_of(clean["attitude"]).inv().apply
+    to_world = rotation_matrices(clean["attitude"]).apply
+    to_body = rotation_matrices(clean["attitude"]).inv().apply
     for name, turned, words in (
         ("body_rates", to_world, "body_rates looks as if it were along world axes"),
         ("specific_force", to_world, "specific_force looks as if it were along world axes"),
@@ -291,7 +291,7 @@ def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
     attitude = np.zeros((len(TIME), 3))
     attitude[:, 1] = tilt[:, 0]
     attitude[:, 0] = -np.arctan(np.tan(tilt[:, 1]) * np.cos(tilt[:, 0]))
-    in_body = rotations_of(attitude).apply(velocity, inverse=True)
+    in_body = rotation_matrices(attitude).apply(velocity, inverse=True)
     assert list(inconsistencies({"position": position, "attitude": attitude, "velocity": velocity}, TIME)) == []
     (remark,) = inconsistencies({"position": position, "attitude": attitude, "velocity": in_body}, TIME)
     assert remark.endswith("velocity looks as if it were along body axes")
@@ -416,7 +416,7 @@ def test_the_horizontal_acceleration_follows_from_the_tangent_of_the_tilt():
     roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
     np.testing.assert_allclose(
-        np.cross(rotations_of(attitude).apply([0.0, 0.0, 1.0]), thrust), 0.0, atol=1e-9
+        np.cross(rotation_matrices(attitude).apply([0.0, 0.0, 1.0]), thrust), 0.0, atol=1e-9
     )  # the thrust is along the body's z axis
     grid = _on_grid({"attitude": attitude, "velocity": velocity}, TIME)
     pair = _tilt(grid)

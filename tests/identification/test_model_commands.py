@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.delays import delay_of
+from drake_quad.identification.delays import total_delay
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     LogModel,
@@ -15,7 +15,7 @@ from drake_quad.identification.model import (
     thrust_of_fraction,
     with_commands,
 )
-from drake_quad.identification.results.vehicle_values import number_of, with_numbers
+from drake_quad.identification.results.vehicle_values import vehicle_value, with_vehicle_values
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.motors import SpeedMotors
 from drake_quad.signals import RotorSpeed
@@ -56,7 +56,7 @@ def test_thrust_and_torque_are_allocated_as_by_the_firmware(flight, record):
     wrench_alone = replace(record, rotor_speed_command=None)
     found = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
     np.testing.assert_allclose(found[:-2], record.rotor_speed_command[2:], rtol=1e-9)
-    lighter = with_numbers(flight.scenario, {"thrust_factor": 2e-5})
+    lighter = with_vehicle_values(flight.scenario, {"thrust_factor": 2e-5})
     np.testing.assert_array_equal(with_commands(wrench_alone, lighter, flight.scenario).rotor_speed_command, found)
 
 
@@ -149,13 +149,15 @@ def test_a_log_without_commands_is_refused(flight, record, left_out, words):
 
 
 def test_the_delay_of_a_scenario_is_the_sum_of_link_delay_and_frame_age(responding):
-    assert delay_of(responding[0]) == pytest.approx(0.02 + 0.01)
+    assert total_delay(responding[0]) == pytest.approx(0.02 + 0.01)
 
 
 def test_a_parameter_of_a_missing_effect_is_zero(flight):
-    assert number_of(flight.scenario, "rotor_aerodynamics.climb") == 0.0
-    assert number_of(flight.scenario, "linear_drag") == flight.scenario.vehicle.linear_drag
-    assert with_numbers(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1
+    assert vehicle_value(flight.scenario, "rotor_aerodynamics.climb") == 0.0
+    assert vehicle_value(flight.scenario, "linear_drag") == flight.scenario.vehicle.linear_drag
+    assert (
+        with_vehicle_values(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1
+    )
 
 
 def test_a_level_vehicle_responds_to_attitude_commands(flight):

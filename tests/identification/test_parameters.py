@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.identification.parameters import Parameter, names_of, parameters_of
+from drake_quad.identification.parameters import Parameter, parameter_names, parameters_of
 from drake_quad.identification.prediction_errors import FORCE
 from drake_quad.scenario.layouts import arm_length_of
 
@@ -53,7 +53,7 @@ def throttles() -> Scenario:
 
 def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool = False) -> dict[str, Parameter]:
     found = parameters_of(scenario, signals, has_motor_throttles=has_motor_throttles, delay=DELAY, max_delay=MAX_DELAY)
-    names = names_of(found)
+    names = parameter_names(found)
     assert len(names) == len({*names})
     return dict(zip(names, found, strict=True))
 

@@ -20,7 +20,7 @@ from drake_quad.control.pid_cascade.parameters import (
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.geometry.axes import Vector
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.position_law.commands import FORMS, at_limit, in_heading, law_output, unproduced_output
@@ -28,7 +28,7 @@ from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import prepared_pieces
 from drake_quad.identification.position_law.regression import Shape, _integration_rule_bias, excited_terms, search_fit
-from drake_quad.identification.result import Spread
+from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.synthetic_flights import random_waypoint_route
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
@@ -132,7 +132,7 @@ def test_each_form_recovers_the_output_of_the_law(vehicle):
     size = np.linalg.norm(force, axis=1)
     measured = np.column_stack([[0.1, -0.2], [0.05, 0.3], measured_yaw])
     along = attitude_along(force, yaw)
-    aligned = np.sum(force * rotations_of(measured).apply([0.0, 0.0, 1.0]), axis=1)
+    aligned = np.sum(force * rotation_matrices(measured).apply([0.0, 0.0, 1.0]), axis=1)
     level = np.column_stack([output[:, :2], np.full(2, GRAVITY)])
     tilted = attitude_along(level, yaw)
     upright = (output[:, 2] + GRAVITY) / np.cos(tilted[:, 0]) / np.cos(tilted[:, 1])
@@ -176,7 +176,7 @@ def regression_of(record, vehicle, form, axis):
     """Return the least-squares gains by name, and R², without a delay."""
     pieces = prepared_pieces(record, vehicle, [])[0][form]
     fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
-    return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained
+    return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained_variance
 
 
 def test_integrals_of_roll_and_pitch_are_along_the_heading(vehicle):
@@ -302,7 +302,7 @@ def test_commands_that_no_position_law_explains_are_refused(vehicle):
 
 def law_of(form="acceleration", **gains):
     """Return a law with the given gains on all axes."""
-    spreads = {name: Spread(value, 1e-4, "", 20.0) for name, value in gains.items()}
+    spreads = {name: EstimatedValue(value, 1e-4, "", 20.0) for name, value in gains.items()}
     return PositionLaw((AxisLaw(("x", "y"), spreads, 0.999), AxisLaw(("z",), spreads, 0.999)), form, 0.0)
 
 
@@ -431,7 +431,7 @@ def test_the_gains_of_a_real_flight_are_those_of_its_firmware(root):
     law = identify_position_law([record], load_undesigned("vehicles/crazyflie", ["nominal.mass=0.0333"]))
     level = law.axes[0]
     assert level.axes == ("x", "y")
-    assert level.explained > 0.999
+    assert level.explained_variance > 0.999
     for name, true in (("position", 10.0), ("velocity", 7.0), ("reference_velocity", 7.0), ("integral", 5.0)):
         assert_in_interval(level.gains[name], true)
     position = control_layer(law)["control"]["position"]

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
-from drake_quad.identification.result import Spread
+from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.results.estimates import quantile
 
 PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
@@ -16,7 +16,7 @@ def law_of(*axes, form="acceleration", reach=1e-3):
     found = []
     for name, gains in zip("xyz", axes, strict=True):
         pairs = {key: value if isinstance(value, tuple) else (value, reach) for key, value in gains.items()}
-        spreads = {key: Spread(value, wide / quantile(9.0), "", 9.0) for key, (value, wide) in pairs.items()}
+        spreads = {key: EstimatedValue(value, wide / quantile(9.0), "", 9.0) for key, (value, wide) in pairs.items()}
         found.append(AxisLaw((name,), spreads, 0.999))
     # The order of the axes does not matter.
     return PositionLaw(tuple(found[::-1]), form, 0.0)

@@ -8,7 +8,7 @@ import scipy
 
 from drake_quad import load_undesigned
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
@@ -264,7 +264,7 @@ def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
     record, remarks = record_of(), []
     found, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
     thrust = record.thrust_command / vehicle.nominal.mass
-    expected = thrust[:, None] * rotations_of(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
+    expected = thrust[:, None] * rotation_matrices(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
         [0.0, 0.0, vehicle.nominal.gravity]
     )
     for form in ("acceleration", "heading", "projected"):
@@ -281,7 +281,7 @@ def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
     random = np.random.default_rng(1)
     angles, thrust = random.uniform(-0.5, 0.5, (20, 3)), random.uniform(5.0, 15.0, 20)
     record = FlightRecord("log", np.arange(20.0), attitude_command=angles)
-    expected = thrust[:, None] * rotations_of(angles).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 9.81]
+    expected = thrust[:, None] * rotation_matrices(angles).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 9.81]
     for form in ("acceleration", "heading", "projected"):
         np.testing.assert_allclose(law_output(record, thrust, form, 9.81), expected, atol=1e-12, err_msg=form)
     # A positive pitch accelerates forward, and a positive roll to the right.
@@ -297,7 +297,7 @@ def test_a_command_perpendicular_to_the_measured_thrust_causes_no_division_by_ze
     angles = np.array([[1.3, 0.0, 0.0], [1.4, 0.0, 0.0], [2.5, 0.0, 0.0]])
     cosine = np.array([np.cos(1.3), 0.2, 0.2])
     record = FlightRecord("log", np.arange(3.0), attitude=np.zeros((3, 3)), attitude_command=angles)
-    axis = rotations_of(angles).apply([0.0, 0.0, 1.0])
+    axis = rotation_matrices(angles).apply([0.0, 0.0, 1.0])
     projected = law_output(record, np.full(3, 10.0), "projected", 9.81)
     np.testing.assert_allclose(projected[:, :2], 10.0 * axis[:, :2] / cosine[:, None])
     decoupled = law_output(record, np.full(3, 10.0), "decoupled", 9.81)

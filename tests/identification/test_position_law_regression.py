@@ -18,7 +18,7 @@ from drake_quad.identification.position_law.regression import (
     select_fit,
     uncertainty,
 )
-from drake_quad.identification.result import Spread
+from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.results.estimates import quantile
 
 PERIOD = 0.01  # s, sampling period
@@ -102,7 +102,7 @@ def test_a_law_is_recovered_from_noise_free_commands(terms, shape, free, axes):
     np.testing.assert_allclose(found.shape.delay, shape.delay, atol=3e-4)
     np.testing.assert_allclose(found.shape.filter_time, shape.filter_time, atol=1e-3)
     np.testing.assert_allclose(found.shape.error_limit, shape.error_limit, atol=1e-3)
-    assert found.explained > 0.99999
+    assert found.explained_variance > 0.99999
 
 
 def test_the_search_begins_at_the_best_start():
@@ -185,13 +185,13 @@ def test_gains_are_least_squares_with_a_linear_trend_for_each_stretch_and_axis(a
     found = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
     np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
     np.testing.assert_allclose(found.residuals, left, atol=1e-10)
-    assert found.explained == pytest.approx(1.0 - left @ left / (bare @ bare))
+    assert found.explained_variance == pytest.approx(1.0 - left @ left / (bare @ bare))
     assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
 
 
 def test_a_constant_command_is_not_explained():
     pieces = [piece._replace(command=np.zeros_like(piece.command)) for piece in noisy_pieces()]
-    assert np.isnan(regression._fit_gains(pieces, (0,), BASIC_TERMS, Shape(), ()).explained)
+    assert np.isnan(regression._fit_gains(pieces, (0,), BASIC_TERMS, Shape(), ()).explained_variance)
 
 
 def test_the_regressors_are_the_terms_of_the_law():
@@ -462,7 +462,7 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch
             # About one of twenty 95 % intervals misses the true value by chance.
             assert spread.value == pytest.approx(factor * GAINS[name], abs=1.5 * spread.half_width)
         assert each.gain("delay") == pytest.approx(0.05, abs=0.003)
-        assert each.explained > 0.999
+        assert each.explained_variance > 0.999
 
 
 @pytest.mark.slow
@@ -477,9 +477,14 @@ def test_an_axis_is_refused_if_no_law_explains_its_command(monkeypatch):
         identify_position_law(*prepared(monkeypatch, ({"heading": [noise]}, np.zeros(1))))
 
 
-def fit_of_everything(explained=0.99):
+def fit_of_everything(explained_variance=0.99):
     return Fit(
-        BASIC_TERMS, np.array([GAINS[name] for name in BASIC_TERMS]), Shape(0.05), ("delay",), np.ones(4), explained
+        BASIC_TERMS,
+        np.array([GAINS[name] for name in BASIC_TERMS]),
+        Shape(0.05),
+        ("delay",),
+        np.ones(4),
+        explained_variance,
     )
 
 
@@ -502,7 +507,7 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
     def axis_law(pieces, axes, form, fit):
         names = "".join("xyz"[axis] for axis in axes)
         reasons = {"velocity": "too wide", "integral": "too wide"} if names == weak else {"integral": "too wide"}
-        return AxisLaw(tuple(names), {}, fit.explained, reasons)
+        return AxisLaw(tuple(names), {}, fit.explained_variance, reasons)
 
     def compared(pieces, fits):
         assert alike is not None
@@ -536,7 +541,7 @@ def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monk
         offset, reach = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
         own = {"position": 4.0, "velocity": 3.0 + offset, "filter_time" if axes == (0,) else "error_limit": 100.0}
         deviation = reach / quantile(7.0)
-        return {name: Spread(value, deviation, "", 7.0) for name, value in own.items()}
+        return {name: EstimatedValue(value, deviation, "", 7.0) for name, value in own.items()}
 
     monkeypatch.setattr(law, "_spreads", spreads)
     assert law._have_same_law([], dict.fromkeys(range(3))) == alike
@@ -580,11 +585,11 @@ def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units
     ],
 )
 def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typical_value(name, typical, unit):
-    certain = {"position": Spread(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
-    certain["velocity"] = Spread(-3.0, 0.01, "1/s", 20.0)
+    certain = {"position": EstimatedValue(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
+    certain["velocity"] = EstimatedValue(-3.0, 0.01, "1/s", 20.0)
     for fraction in (0.49, 0.51):
         reach = fraction * min(typical, 1e6)
-        own = certain.get(name, Spread(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
+        own = certain.get(name, EstimatedValue(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
         weak = law._imprecise(certain | {name: own})
         if fraction > 0.5 and np.isfinite(typical):
             assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
@@ -607,7 +612,7 @@ def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(mo
     for name, spread in found.gains.items():
         assert spread.value == narrow[name].value
         assert spread.deviation == max(wide[name].deviation, narrow[name].deviation)
-    assert found.explained == again.explained != fit.explained
+    assert found.explained_variance == again.explained_variance != fit.explained_variance
     assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in found.gains)
     assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
@@ -625,7 +630,7 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     assert found.axes == ("x", "y")
     assert found.not_identified == dict.fromkeys(BASIC_TERMS[2:5], "the reference does not move along this axis")
     assert {*found.gains} == {"position", "velocity", "integral", "delay"}
-    assert found.explained == fit.explained
+    assert found.explained_variance == fit.explained_variance
     assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)
 
 

@@ -13,7 +13,7 @@ from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
-from drake_quad.identification.results.vehicle_values import with_numbers, with_throttles
+from drake_quad.identification.results.vehicle_values import with_throttles, with_vehicle_values
 from drake_quad.identification.validation import prediction
 from drake_quad.identification.validation.prediction import (
     CONSTANT_ACCELERATION,
@@ -53,7 +53,7 @@ def record(scenario):
 
 @pytest.fixture(scope="module")
 def predictions(record, scenario):
-    stronger = with_numbers(scenario, {"thrust_factor": 1.1 * scenario.vehicle.thrust_factor})
+    stronger = with_vehicle_values(scenario, {"thrust_factor": 1.1 * scenario.vehicle.thrust_factor})
     return predict(record, {"stronger": stronger, "right": scenario}, horizons=(0.1, 0.5, 1.0))
 
 

@@ -10,7 +10,7 @@ import scipy
 from drake_quad import load_scenario
 from drake_quad.identification import fit as fitting
 from drake_quad.identification import prediction_errors
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
 from drake_quad.identification.parameters import Parameter
@@ -92,7 +92,7 @@ def test_the_variance_of_a_disturbance_is_stationary(scenario, log):
         added = predictor.process_noise(noise)
         np.testing.assert_array_equal(added[:NUM_BODY], 0.0)
         forgetting = added[NUM_BODY : NUM_BODY + 6]
-        faded = np.exp(-2.0 * PERIOD / noise.memory) * noise.disturbance**2
+        faded = np.exp(-2.0 * PERIOD / noise.correlation_time) * noise.disturbance**2
         np.testing.assert_allclose(faded + forgetting, noise.disturbance**2)
         # The constant part of the horizontal force does not decay.
         np.testing.assert_array_equal(added[NUM_BODY + 6 :], [0.0, 0.0])
@@ -103,7 +103,7 @@ def test_the_variance_of_a_mean_force_follows_from_its_correlation_time(duration
     """The variance of the mean is the variance times the mean of exp(-|t - s| / T) over all pairs of times."""
     noise = noise_of(POSE)
     found = noise.mean_force(duration)
-    for deviation, force, memory in zip(found, noise.force, noise.memory, strict=False):
+    for deviation, force, memory in zip(found, noise.force, noise.correlation_time, strict=False):
         integral, _ = scipy.integrate.quad(lambda t, T=memory: 2.0 * (duration - t) * np.exp(-t / T), 0.0, duration)
         assert deviation == pytest.approx(force * np.sqrt(integral) / duration)
 
@@ -169,7 +169,7 @@ def test_the_predicted_attitude_is_that_of_the_marker_frame(log, values):
     scenario = load_scenario("laboratory:low_wind", ["laboratory.motion_capture.misalignment=[0.02, -0.03, 0.1]"])
     predictor = made(scenario, log)
     flown, state = predictor._begin(values[None])
-    markers = rotations_of(state[3:6, 0].T) * rotations_of(np.array([0.02, -0.03, 0.1]))
+    markers = rotation_matrices(state[3:6, 0].T) * rotation_matrices(np.array([0.02, -0.03, 0.1]))
     expected = markers.as_euler("ZYX").T[::-1]
     np.testing.assert_allclose(predictor._predicted(flown, state)[3:, 0], expected, atol=1e-12)
 
@@ -244,7 +244,9 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
     own = predictor.rows.tolist()
     place = [own.index(NUM_BODY + i) for i in range(6)]
     np.testing.assert_allclose(
-        gains.transition[:, :, place, place], np.broadcast_to(np.exp(-PERIOD / noise.memory), (30, 3, 6)), rtol=1e-5
+        gains.transition[:, :, place, place],
+        np.broadcast_to(np.exp(-PERIOD / noise.correlation_time), (30, 3, 6)),
+        rtol=1e-5,
     )
     speed = [own.index(STATE_ROWS["velocity"] + i) for i in range(3)]
     np.testing.assert_allclose(gains.transition[:, :, speed, place[:3]], PERIOD, rtol=1e-3)
@@ -351,14 +353,14 @@ def test_the_maximum_likelihood_noise_is_the_noise_of_the_log(scenario, values):
     flown, state = predictor._begin(values[None])
     forgetting = slice(NUM_BODY, NUM_BODY + 6)
     state[forgetting, 0] = true.disturbance[:, None] * random.normal(size=(6, 5))
-    decay, measured = np.exp(-PERIOD / true.memory), []
+    decay, measured = np.exp(-PERIOD / true.correlation_time), []
     for _ in range(200):
         measured.append(predictor._predicted(flown, state)[:, 0])
         flown.step(state)
         pushed = true.disturbance * np.sqrt(1.0 - decay**2)
         state[forgetting, 0] = decay[:, None] * state[forgetting, 0] + pushed[:, None] * random.normal(size=(6, 5))
     predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
-    found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
+    found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.correlation_time)
     for _ in range(2):
         found = fitting._noise_of(predictor, predictor.gains(values, found))
     np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
@@ -440,7 +442,7 @@ def test_the_limit_of_the_correlation_time_of_a_force_affects_no_other_noise_par
     predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     begun = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))
     found = fitting._noise_of(predictor, predictor.gains(values[:1], begun))
-    assert found.memory[:3].max() <= 0.25 * (1.0 + 1e-9)
+    assert found.correlation_time[:3].max() <= 0.25 * (1.0 + 1e-9)
     # A noise parameter changes by at most a factor of 12.
     assert found.disturbance.min() > 5.0 / 12.2
     assert found.measured[3:].min() > 30.0 * 0.3 / 12.2

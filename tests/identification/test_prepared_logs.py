@@ -146,7 +146,7 @@ def test_a_filter_starts_with_a_large_disturbance_of_short_correlation_time() ->
     # The force is a tenth of the weight; a moment-arm error of 1 mm causes the torque.
     assert np.all(noise.disturbance >= [0.1 * GRAVITY] * 3 + [1.0] * 3)
     assert np.all(noise.disturbance < 2.0 * GRAVITY)
-    assert np.all(noise.memory < 0.2)
+    assert np.all(noise.correlation_time < 0.2)
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from drake_quad.identification.random_effects import (
     NUM_SEGMENTS,
     FlightSegments,
     Variation,
+    estimate_variation,
     uncertainty_of_mean,
-    variation_of,
 )
 from drake_quad.identification.results.held_out import hold_out_check
 
@@ -48,7 +48,7 @@ def test_a_parameter_without_information_does_not_vary() -> None:
         information=np.pad(told.information, [(0, 0), (0, 1), (0, 1)]),
         scores=np.pad(told.scores, [(0, 0), (0, 1)]),
     )
-    found, known = variation_of(both), variation_of(told)
+    found, known = estimate_variation(both), estimate_variation(told)
     assert found is not None
     assert known is not None
     np.testing.assert_allclose(found.covariance[:2, :2], known.covariance, rtol=1e-9)
@@ -138,7 +138,7 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     assert own.correlation(np.ones(3))[0, 2] == pytest.approx(np.corrcoef(one[:10], other[:10])[0, 1], rel=1e-3)
     # The variation has these correlations, and the standard deviation of each parameter.
     evidences = evidence(rng, deviation=2.0)
-    varied = variation_of(evidences)
+    varied = estimate_variation(evidences)
     stretches = FlightSegments.of(evidences)
     sizes = np.sqrt(np.diag(varied.covariance))
     np.testing.assert_allclose(sizes**2, stretches.variance_between())
@@ -178,7 +178,7 @@ def test_the_weighted_sum_of_squares_equals_its_degrees_of_freedom() -> None:
 def test_random_scatter_is_seldom_taken_for_variation() -> None:
     """The significance level is ten per cent."""
     rng = np.random.default_rng(0)
-    found = [variation_of(evidence(rng, deviation=0.0)) for _ in range(300)]
+    found = [estimate_variation(evidence(rng, deviation=0.0)) for _ in range(300)]
     seen = np.array([np.diag(each.covariance) > 0.0 for each in found if each is not None])
     assert len(seen) == 300
     assert 0.02 < seen.mean() < 0.12
@@ -186,7 +186,7 @@ def test_random_scatter_is_seldom_taken_for_variation() -> None:
 
 def test_variation_is_found_only_in_the_parameter_that_varies() -> None:
     rng = np.random.default_rng(1)
-    found = np.array([np.diag(variation_of(evidence(rng, deviation=0.5)).covariance) for _ in range(100)])
+    found = np.array([np.diag(estimate_variation(evidence(rng, deviation=0.5)).covariance) for _ in range(100)])
     assert np.mean(found[:, 1]) == pytest.approx(0.25, rel=0.15)
     assert np.median(found[:, 0]) == 0.0
 
@@ -198,8 +198,8 @@ def test_too_few_windows_give_no_variation() -> None:
         return own._replace(information=own.information[:count], scores=own.scores[:count])
 
     few = first(9)
-    assert variation_of(first(19)) is None
-    assert variation_of(own) is not None
+    assert estimate_variation(first(19)) is None
+    assert estimate_variation(own) is not None
     assert hold_out_check(first(10)).keys() == {"drag", "lag"}
     assert hold_out_check(few) == {}
     unsure = Uncertainty(np.eye(2), np.full(2, 8.0), np.eye(2))

@@ -7,7 +7,7 @@ from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
 from drake_quad.identification import synthetic_flights
-from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.identification.synthetic_flights import (
     SYNTHETIC_FLIGHTS,
     CheckedParameter,
@@ -43,7 +43,7 @@ def test_the_waypoints_of_a_known_flight_are_equally_spaced_in_time_and_never_re
     assert apart[np.triu_indices(41, 1)].min() > 0.05
     assert {name.partition(".")[0] for name in distributions_in(known.simulated_scenario(diagrams))} >= {"vehicle"}
     begun = known.initial_scenario(diagrams)
-    assert number_of(begun, "rotor_time_constant") > 0.0
+    assert vehicle_value(begun, "rotor_time_constant") > 0.0
     assert begun.laboratory.autopilot.kind == scenario.laboratory.autopilot.kind
 
 
@@ -112,8 +112,8 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
     for sample, rows in found.items():
         flown = draw_sample(own, sample)
         thrust, inertia, delay = rows
-        assert thrust == CheckedParameter("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
-        assert inertia == CheckedParameter("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
+        assert thrust == CheckedParameter("thrust_factor", vehicle_value(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
+        assert inertia == CheckedParameter("inertia[1]", vehicle_value(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
         # Cameras deliver the state one frame (10 ms) late; the command in a row was applied during the preceding 20 ms.
         frames = flown.laboratory.motion_capture.latency_frames
         assert delay == CheckedParameter(

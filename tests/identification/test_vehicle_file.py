@@ -13,7 +13,7 @@ from joint_normals import joint_normal
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
-from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
+from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import nominal_estimates, write_vehicle
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.distributions import Normal
@@ -61,7 +61,7 @@ def estimates_of(found, **options):
 def estimates():
     return estimates_of(
         CRAZYFLIE_ESTIMATES,
-        explained={"mass": Explained(0.43, "acceleration along z")},
+        explained_variance={"mass": ExplainedVariance(0.43, "acceleration along z")},
         not_identified={"inertia[2]": "the vehicle never turned about its vertical axis"},
     )
 

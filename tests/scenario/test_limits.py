@@ -160,7 +160,7 @@ MULTIPLYING_ALIASES = (
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ("&a [*a, *a]", "is nested too deeply"),
+        ("&a [*a, *a]", "the alias *a needs an anchor that ends before it"),
         (MULTIPLYING_ALIASES, "is too large"),
     ],
 )

@@ -10,7 +10,7 @@ from scipy import signal
 from drake_quad import load_scenario
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_values import with_numbers
+from drake_quad.identification.results.vehicle_values import with_vehicle_values
 from drake_quad.identification.validation.comparison import LogComparison
 from drake_quad.identification.validation.prediction import Predictions
 from drake_quad.visualization import identification_plots as plots
@@ -36,7 +36,7 @@ def identification(root):
     )
     return Identification(
         estimates,
-        with_numbers(scenario, dict(zip(estimates.names, map(float, estimates.values), strict=True))),
+        with_vehicle_values(scenario, dict(zip(estimates.names, map(float, estimates.values), strict=True))),
         outputs,
     )
 
@@ -144,7 +144,7 @@ def test_the_first_ten_windows_are_drawn(identification):
 
 @pytest.mark.parametrize(("fraction", "words"), [(0.5, "explained variance 50.0 %"), (-3.0, "no variance explained")])
 def test_the_explained_variance_is_in_the_title(identification, fraction, words):
-    output = identification.outputs[0]._replace(explained=fraction)
+    output = identification.outputs[0]._replace(explained_variance=fraction)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
     assert right.get_title(loc="right") == words
 

@@ -34,7 +34,7 @@ class FirmwareParameters(NamedTuple):
     missing: tuple[str, ...]
 
 
-def defaults_of(firmware: Firmware) -> FirmwareParameters:
+def default_parameters(firmware: Firmware) -> FirmwareParameters:
     """Return the default parameters of a firmware."""
     return FirmwareParameters(firmware, {name: each.default for name, each in _declared(firmware).items()}, ())
 
@@ -61,7 +61,7 @@ def read_parameters(path: Path) -> FirmwareParameters:
                 raise InputError(f"{path}: {name} is {value:g}; it must {flaw}")
         if specified_values:
             missing = tuple([name for name in declared if name not in specified_values])
-            return FirmwareParameters(firmware, {**defaults_of(firmware).values, **specified_values}, missing)
+            return FirmwareParameters(firmware, {**default_parameters(firmware).values, **specified_values}, missing)
     groups = " nor ".join(_PARAMETER_GROUPS.values())
     raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it contains neither {groups}")
 

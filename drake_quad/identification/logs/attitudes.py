@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 
 
-def rotations_of(attitude: np.ndarray) -> "scipy.spatial.transform.Rotation":
+def rotation_matrices(attitude: np.ndarray) -> "scipy.spatial.transform.Rotation":
     """Return the rotations from body to world of roll, pitch and yaw (3,) or (n, 3) in rad.
 
     This takes a tenth of the time of `Rotation.from_euler`.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
@@ -186,7 +186,7 @@ class _Grid:
     @cached_property
     def rotation(self) -> "scipy.spatial.transform.Rotation":
         """Rotations (n,) from body to world."""
-        return rotations_of(self.signals["attitude"])
+        return rotation_matrices(self.signals["attitude"])
 
     @cached_property
     def turn(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, join_names
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.consistency import inconsistencies
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.plausibility import implausible_signals, position_jumps
@@ -356,7 +356,7 @@ def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]
         to_world = QUANTITIES[channel.signal].frame == "W"
         source_axes, target_axes = ("body", "world") if to_world else ("world", "body")
         if "attitude" in signals:
-            turned = rotations_of(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
+            turned = rotation_matrices(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
             signals[channel.signal] = turned
             yield f"{channel.signal} is turned from {source_axes} axes to {target_axes} axes by the attitude"
         else:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 
 GRAVITY = 9.81  # m/s²
 
@@ -151,5 +151,5 @@ def _offset(signal: str, turn: float) -> Callable[[_Signals], dict[str, np.ndarr
 def _turned(signal: str, frame: str) -> Callable[[_Signals], dict[str, np.ndarray]]:
     """Return a function that turns a signal from the given wrong frame, world or body, to the other frame."""
     return lambda signals: {
-        signal: rotations_of(signals["attitude"]).apply(signals[signal], inverse=frame == "world"),
+        signal: rotation_matrices(signals["attitude"]).apply(signals[signal], inverse=frame == "world"),
     }

@@ -105,7 +105,7 @@ class LogFile(NamedTuple):
         except InputError:
             raise
         except Exception as error:  # libraries raise any exception on a damaged log
-            raise InputError(f"{self.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
+            raise InputError(f"{self.mark}: is {format_name} that cannot be read: {exception_clause(error)}") from None
 
     def read_from_disk(self, suffix: str, read: Callable[[Path], Any]) -> Any:
         """Write the log to a temporary file, and return the result of `read` for its path.
@@ -118,7 +118,7 @@ class LogFile(NamedTuple):
             return read(Path(file.name))
 
 
-def reason_of(error: Exception) -> str:
+def exception_clause(error: Exception) -> str:
     """Return the message of a library's exception as a clause."""
     return shorten_text(" ".join(str(error).split()) or type(error).__name__)
 

@@ -20,7 +20,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from drake_quad.errors import InputError, short_repr
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import thrust_of_fraction
 from drake_quad.scenario.models import Scenario
@@ -85,13 +85,13 @@ def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: fl
         return np.column_stack([attitude[:, 1], -attitude[:, 0], thrust - gravity])
     if form == "heading":
         attitude = np.column_stack([attitude[:, :2], _yaw(record)])
-    axis = rotations_of(attitude).apply([0.0, 0.0, 1.0])
+    axis = rotation_matrices(attitude).apply([0.0, 0.0, 1.0])
     if form == "decoupled":
         horizontal = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
         return np.column_stack([horizontal, thrust * axis[:, 2] - gravity])
     magnitude = thrust
     if form == "projected" and record.attitude is not None:
-        measured = rotations_of(record.attitude).apply([0.0, 0.0, 1.0])
+        measured = rotation_matrices(record.attitude).apply([0.0, 0.0, 1.0])
         magnitude = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
     return np.asarray(magnitude[:, None] * axis - [0.0, 0.0, gravity])
 

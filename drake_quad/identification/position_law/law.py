@@ -48,7 +48,7 @@ from drake_quad.identification.position_law.regression import (
     select_fit,
     uncertainty,
 )
-from drake_quad.identification.result import Spread
+from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 
@@ -82,14 +82,14 @@ class AxisLaw:
         axes: axes that have this law; along the heading in the form `tilt`.
         gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
             reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
-        explained: R², fraction of the command variance that the law explains.
+        explained_variance: R², fraction of the command variance that the law explains.
         not_identified: reason for each parameter that the log does not identify.
         at_error_limit: fraction of the samples whose position error exceeds the limit.
     """
 
     axes: tuple[str, ...]
-    gains: Mapping[str, Spread]
-    explained: float
+    gains: Mapping[str, EstimatedValue]
+    explained_variance: float
     not_identified: Mapping[str, str] = field(default_factory=dict)
     at_error_limit: float = 0.0
 
@@ -143,8 +143,8 @@ def _identified_law(records: Sequence[FlightRecord], scenario: Scenario) -> Posi
     laws, not_identified = [], {}
     fits = {axis: select_fit(pieces, (axis,)) for axis in range(3)}
     for axis, fit in fits.items():
-        if not fit.explained >= _MIN_EXPLAINED:
-            not_identified[_AXES[axis]] = _poor_fit_reason(fit.explained)
+        if not fit.explained_variance >= _MIN_EXPLAINED:
+            not_identified[_AXES[axis]] = _poor_fit_reason(fit.explained_variance)
     is_shared = not {"x", "y"} & not_identified.keys() and _have_same_law(pieces, fits)
     groups = [(0, 1), (2,)] if is_shared else [(0,), (1,), (2,)]
     for group in groups:
@@ -177,7 +177,8 @@ def _log_unexplained(pieces: Sequence[Piece]) -> float:
     step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
     thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
     return sum(
-        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained, _MIN_UNEXPLAINED))) for axis in range(3)
+        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained_variance, _MIN_UNEXPLAINED)))
+        for axis in range(3)
     )
 
 
@@ -191,7 +192,7 @@ def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
     return True
 
 
-def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, Spread]:
+def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, EstimatedValue]:
     """Return the estimate of each parameter of a law, by name."""
     values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
         name: getattr(fit.shape, name) for name in fit.free
@@ -199,7 +200,9 @@ def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: For
     is_angle = form == "tilt" and 2 not in axes
     reaches, freedoms = uncertainty(pieces, axes, fit)
     return {
-        name: Spread(values[name], float(half_width / quantile(freedom)), _UNITS[name][is_angle], float(freedom))
+        name: EstimatedValue(
+            values[name], float(half_width / quantile(freedom)), _UNITS[name][is_angle], float(freedom)
+        )
         for name, half_width, freedom in zip(values, reaches, freedoms, strict=True)
         if name not in NUISANCE_TERMS
     }
@@ -225,13 +228,13 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
     return AxisLaw(
         tuple(_AXES[axis] for axis in axes),
         {name: spread for name, spread in spreads.items() if name not in imprecise},
-        fit.explained,
+        fit.explained_variance,
         imprecise,
         float(np.mean(errors > fit.shape.error_limit)),
     )
 
 
-def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
+def _imprecise(spreads: Mapping[str, EstimatedValue]) -> dict[str, str]:
     """Return a reason for each parameter whose interval is too wide, relative to its typical magnitude."""
     position, velocity = (abs(spreads[name].value) for name in ESSENTIAL_TERMS)
     acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0

@@ -61,7 +61,7 @@ class Fit(NamedTuple):
         shape: nonlinear parameters.
         free: names of the nonlinear parameters that are fitted.
         residuals: (n,) residuals of the command.
-        explained: R², fraction of the command variance that the law explains.
+        explained_variance: R², fraction of the command variance that the law explains.
     """
 
     terms: tuple[str, ...]
@@ -69,7 +69,7 @@ class Fit(NamedTuple):
     shape: Shape
     free: tuple[str, ...]
     residuals: np.ndarray
-    explained: float
+    explained_variance: float
 
 
 def select_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:

@@ -93,7 +93,7 @@ class Source(NamedTuple):
         return f"{self.method}, {self.log}"
 
 
-class Explained(NamedTuple):
+class ExplainedVariance(NamedTuple):
     """Explained variance of the output that a parameter affects most.
 
     Attributes:
@@ -126,7 +126,7 @@ class Estimates:
         degrees_of_freedom: (n,) degrees of freedom of the errors, which follow Student's t-distribution; or one number
             for all errors.
         sources: (n,) sources of each estimate, or a single source for all.
-        explained: explained variance by the name of the parameter, if it is known.
+        explained_variance: explained variance by the name of the parameter, if it is known.
         not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
             parameter has an estimate, this is the value of the data sheet, corrected as far as the log allows.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
@@ -140,7 +140,7 @@ class Estimates:
     covariance: np.ndarray
     degrees_of_freedom: np.ndarray | float
     sources: tuple[tuple[Source, ...], ...] | Source
-    explained: Mapping[str, Explained] = field(default_factory=dict)
+    explained_variance: Mapping[str, ExplainedVariance] = field(default_factory=dict)
     not_identified: Mapping[str, str] = field(default_factory=dict)
     variation: Variation | None = None
     flight_variation: Variation | None = None
@@ -153,7 +153,7 @@ class Estimates:
                 freedom are not positive.
         """
         names = tuple(self.names)
-        for name in (*names, *self.explained, *self.not_identified):
+        for name in (*names, *self.explained_variance, *self.not_identified):
             split_name(name)
         repeated = next((name for name in names if names.count(name) > 1), None)
         if repeated is not None:
@@ -262,7 +262,7 @@ class Estimates:
             covariance=self.covariance[np.ix_(indices, indices)],
             degrees_of_freedom=np.asarray(self.degrees_of_freedom)[indices],
             sources=tuple(self.sources_of(index) for index in indices),
-            explained={name: fraction for name, fraction in self.explained.items() if name in names},
+            explained_variance={name: fraction for name, fraction in self.explained_variance.items() if name in names},
             variation=None if self.variation is None else self.variation.subset(indices),
             flight_variation=None if self.flight_variation is None else self.flight_variation.subset(indices),
         )

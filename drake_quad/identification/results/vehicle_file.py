@@ -288,7 +288,7 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
     elif stretch_variance > 0.0:
         assert estimates.variation is not None
         parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
-    fraction, output = estimates.explained.get(name, (0.0, ""))
+    fraction, output = estimates.explained_variance.get(name, (0.0, ""))
     if fraction > 0.0:
         parts.append(f"explains {100.0 * fraction:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(index))))

@@ -48,7 +48,7 @@ def with_throttles(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update=changes)})
 
 
-def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
+def with_vehicle_values(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
     """Set parameters of a scenario, by their names in `Estimates`, and add the effects to which they belong."""
     extended = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
@@ -56,7 +56,7 @@ def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
     return result
 
 
-def number_of(scenario: Scenario, name: str) -> float:
+def vehicle_value(scenario: Scenario, name: str) -> float:
     """Return a parameter of a scenario, by its name in `Estimates`; 0 if its effect is absent."""
     value = dict(leaves(with_effects(scenario, (name,)))).get(scenario_path(name), np.nan)
     return float(value)

@@ -17,9 +17,9 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.result import Spread
+from drake_quad.identification.result import EstimatedValue
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import steady_wind
 
@@ -44,7 +44,7 @@ class VelocityEstimate(NamedTuple):
         correlation_time: correlation time of the correlated error, averaged over the axes, s.
     """
 
-    scale_error: tuple[Spread, Spread, Spread]
+    scale_error: tuple[EstimatedValue, EstimatedValue, EstimatedValue]
     drift: np.ndarray
     correlation_time: float
 
@@ -73,7 +73,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
             for each in (position[:, axis], integral)
         )
         error = estimated - actual
-        scale_error = Spread(0.0, np.nan, "1")
+        scale_error = EstimatedValue(0.0, np.nan, "1")
         if actual.std() > _MIN_FLOWN_SPEED:
             scale_error = _slope(actual[:, None], error, blocks, "1")
         residual = error - scale_error.value * actual
@@ -95,7 +95,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
     )
 
 
-def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Spread]:
+def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[EstimatedValue, EstimatedValue]:
     """Estimate the linear drag along x and y of the body, N s/m, for a flight too short to determine quadratic drag.
 
     The drag is the least-squares slope of the force over the air speed. Its standard deviation follows from the scatter
@@ -108,7 +108,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     Raises:
         InputError: if a signal is not logged, the log is too short, or the vehicle hovers.
     """
-    to_body = rotations_of(record.of("attitude")).inv()
+    to_body = rotation_matrices(record.of("attitude")).inv()
     velocity = record.of("velocity")
     wind = np.asarray(steady_wind(scenario.laboratory.wind), dtype=float) if record.wind is None else record.wind
     weight = np.array([0.0, 0.0, scenario.vehicle.gravity])
@@ -139,7 +139,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     return drag_x, drag_y
 
 
-def _slope(regressors: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
+def _slope(regressors: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit: str) -> EstimatedValue:
     """Return the first least-squares coefficient, with the standard deviation from the scatter of blocks.
 
     Args:
@@ -153,7 +153,7 @@ def _slope(regressors: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit:
     gradients = regressors * (values - regressors @ coefficients)[:, None]
     scores = np.stack([gradients[blocks == block].sum(axis=0) for block in np.unique(blocks)])
     covariance = len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse
-    return Spread(float(coefficients[0]), float(np.sqrt(covariance[0, 0])), unit, len(scores) - 1.0)
+    return EstimatedValue(float(coefficients[0]), float(np.sqrt(covariance[0, 0])), unit, len(scores) - 1.0)
 
 
 def _steps(record: FlightRecord) -> int:

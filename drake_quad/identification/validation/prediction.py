@@ -31,9 +31,9 @@ import scipy
 
 from drake_quad.errors import InputError, short_repr
 from drake_quad.framework.result_cache import cached_on_disk
-from drake_quad.identification.delays import delay_of
+from drake_quad.identification.delays import total_delay
 from drake_quad.identification.fit import fit
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
@@ -265,7 +265,7 @@ class _Motion(NamedTuple):
         if "body_rates" in ends:
             rates, angular_acceleration, _ = ends["body_rates"]
         elif "attitude" in ends:
-            attitudes = rotations_of(record.of("attitude"))
+            attitudes = rotation_matrices(record.of("attitude"))
             rotation_vectors = (attitudes[np.repeat(starts, num_past)].inv() * attitudes[samples.ravel()]).as_rotvec()
             _, rates, angular_acceleration = _parabolas(record, samples, rotation_vectors.reshape(*samples.shape, 3))
         return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular_acceleration)
@@ -277,7 +277,7 @@ class _Motion(NamedTuple):
             (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
         )
         rotation = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular_acceleration * time) * time).T)
-        attitudes = rotations_of(attitude.T) * rotation
+        attitudes = rotation_matrices(attitude.T) * rotation
         return np.concatenate(
             [
                 position + velocity * time + 0.5 * acceleration * time**2,
@@ -305,13 +305,15 @@ def _open_loop_states(
     logs: PreparedLogs, scenario: Scenario, motion: _Motion, starts: np.ndarray, steps: Sequence[int]
 ) -> list[np.ndarray]:
     """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
-    delay, no_parameters = delay_of(scenario), np.zeros(0)
+    delay, no_parameters = total_delay(scenario), np.zeros(0)
     noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
     settle, warm_up = (max(1, round(time / logs.period)) for time in (_SETTLING_TIME, WARM_UP))
     windows = [LogWindow(0, int(start) + 1) for start in starts]
     # The filter is needed only until the starts. Its gains take most of the time, so its windows end there.
-    gains = logs.predictor_in(windows, WindowSizes(1, settle, warm_up), delay=delay).gains(no_parameters, noise)
-    predictor = logs.predictor_in(windows, WindowSizes(max(steps), settle, warm_up), delay=delay)
+    gains = logs.predictor_for_windows(windows, WindowSizes(1, settle, warm_up), delay=delay).gains(
+        no_parameters, noise
+    )
+    predictor = logs.predictor_for_windows(windows, WindowSizes(max(steps), settle, warm_up), delay=delay)
     at_start, *predicted = predictor.open_loop(no_parameters, gains, steps)
     for signal, row in STATE_ROWS.items():
         if signal not in logs.signals:
@@ -362,7 +364,7 @@ def _errors(
             if only_vertical:
                 quantity, error = {"position": "height", "velocity": "climb"}[name], np.abs(predicted - actual)[:, 2]
             elif name == "attitude":
-                predicted_rotation, actual_rotation = rotations_of(predicted), rotations_of(actual)
+                predicted_rotation, actual_rotation = rotation_matrices(predicted), rotation_matrices(actual)
                 quantity, error = name, (predicted_rotation.inv() * actual_rotation).magnitude()
             else:
                 quantity, error = name, np.linalg.norm(predicted - actual, axis=1)

@@ -20,7 +20,7 @@ from drake_quad.errors import InputError, join_names
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
-from drake_quad.identification.logs.source import LogFile, reason_of
+from drake_quad.identification.logs.source import LogFile, exception_clause
 
 _NANOSECOND = 1e-9
 # If a stamp differs from the time of recording by more than this, in s, it comes from another clock.
@@ -144,8 +144,8 @@ def _content(
         raise
     except Exception as error:  # libraries raise any exception on a damaged bag
         if not topics:
-            raise InputError(f"{log.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
-        remarks.append(f"the log is truncated or damaged; it is read up to this error: {reason_of(error)}")
+            raise InputError(f"{log.mark}: is {format_name} that cannot be read: {exception_clause(error)}") from None
+        remarks.append(f"the log is truncated or damaged; it is read up to this error: {exception_clause(error)}")
     if undecoded:
         remarks.append(f"the messages of {join_names(sorted(undecoded))} cannot be decoded")
     if not topics:
