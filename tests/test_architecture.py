@@ -78,6 +78,7 @@ def test_folders_import_only_from_folders_at_lower_levels():
     assert not upward
 
 
+@pytest.mark.long
 def test_modules_outside_the_folders_do_not_import_folders():
     upward = [
         (module, target)

@@ -25,7 +25,7 @@ def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
         fly(load_scenario("figure_eight"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_batch_larger_than_its_study_needs_memory_only_for_the_study(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 10**9)
     study = run_monte_carlo(load_scenario("hover", ["route.duration=0.1"]), 2, num_workers=1, batch_size=ONE_BILLION)

@@ -240,7 +240,7 @@ def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path
     assert (tmp_path / "out" / "monte_carlo_study.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_network_halves_the_error_of_the_pd_in_low_wind(run_script, tmp_path):
     text, _ = run_script("type2_network_beside_pd.py")
     (alone,), (learning,) = numbers("PD: RMSE # cm", text), numbers("T2FNN: RMSE # cm", text)
@@ -279,7 +279,7 @@ def test_the_sliding_mode_and_the_pd_have_the_expected_errors(run_script):
     assert (pd, custom) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gains_designed_from_a_data_sheet_have_stability_margins_and_fly(run_script, tmp_path):
     text, _ = run_script("design_from_data_sheet.py")
     margins = re.findall(r"^(\w+): (\d+)°, (\S+) dB, (\d+) ms$", text, re.MULTILINE)

@@ -116,7 +116,7 @@ def test_code_blocks_of_the_readme_run_without_the_repository(printed):
     assert len(errors) >= len(README_BLOCKS)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_run_without_the_repository(printed):
     text, folder = printed
     lists = text.split("wrote\n")[1:]

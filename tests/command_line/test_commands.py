@@ -222,7 +222,7 @@ def test_design_prints_margins_and_writes_gains_that_a_scenario_can_extend(run, 
     assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_design_writes_a_pid_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--integral", "0.2", "--output", tmp_path)
@@ -234,7 +234,7 @@ def test_design_writes_a_pid_that_a_scenario_can_extend(run, tmp_path):
     assert re.search(rf"^z .* {position.k_i[2]:g} .* \d\d\.\d° ", result.stdout, re.MULTILINE)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_design_includes_the_integral_of_an_existing_pid(run, tmp_path):
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 0, 0]}"
@@ -416,7 +416,7 @@ def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
     assert "rmse is zero, where it has no derivative" in result.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_compare_prints_a_line_for_each_scenario_and_controller(run, tmp_path):
     controllers = ROOT / "diagrams" / "controllers" / "paper.yaml"
@@ -777,7 +777,7 @@ CRAZYFLIE_LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
 PX4_LOG = "tests/data/px4/sample_px4_events.ulg.xz"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "cached_results")
 def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
     """The vehicle that the script identifies from a log agrees with the shipped file to 2 %."""
@@ -809,7 +809,7 @@ def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run)
     assert (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes() == shipped
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "cached_results")
 def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     mine = tmp_path / "mine.yaml"

@@ -12,7 +12,7 @@ def controllers(*names):
     return [word for name in names for word in ("--controller", f"controllers/designed/laboratory:{name}")]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
     options = ["--size", 2, "--metric", "largest_tilt", "--set", "duration=1", "--output", tmp_path]

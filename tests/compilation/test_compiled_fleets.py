@@ -36,7 +36,7 @@ def part(metrics, samples):
     return type(metrics)(*(values[samples] for values in metrics))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 1000])
 def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, plan, wired, n):
     samples = range(1000 - n, 1000)

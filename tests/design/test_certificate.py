@@ -43,7 +43,7 @@ def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
     assert certificate.lost.scale == math.inf
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
     assert 1.0 < poles_at(certificate.unstable.values).max() < 1.01
     for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):

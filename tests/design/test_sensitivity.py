@@ -169,7 +169,7 @@ def test_an_empty_list_of_fields_is_refused():
         flight_sensitivities(scenario, [])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_default_sample_is_that_of_the_scenario(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     sensitivities = flight_sensitivities(named, ["vehicle.mass"])

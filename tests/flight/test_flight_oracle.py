@@ -286,6 +286,7 @@ def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric)
         assert_equal_flights(flight, *fly(flight.scenario, flight.plan))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn"])
 def test_signals_of_the_long_flights_take_both_signs_and_reach_their_limits(flight_named, name):
     """If a signal kept its sign or stayed below its limit, the comparison could miss an error."""

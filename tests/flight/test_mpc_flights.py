@@ -27,7 +27,7 @@ def as_lqg(scenario):
     return scenario.model_copy(update={"control": regulator})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_mpc_equals_the_regulator_far_from_limits():
     """The flight is the first half of the eight in the wind of the fans, with the shipped LQG design."""
     mpc = load(f"{MPC}:mpc", "duration=8", wind="high_wind")

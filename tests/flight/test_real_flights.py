@@ -57,7 +57,7 @@ def test_isotropic_drag_and_the_nominal_thrust_curve_give_too_small_errors(diagr
     assert predicted_rmse(diagrams, name, *isotropic) < 0.75 * MEASURED_RMSE_CM[name]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_with_noise_and_turbulence_agree_with_the_real_flights(diagrams, root):
     """Means are over 16 samples of the shipped scenarios. Their standard error is below 2 %."""
     rmse = {}

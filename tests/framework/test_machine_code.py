@@ -456,7 +456,7 @@ def run(folder, cache):
     return float(value), int(compiled)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_machine_code_is_cached_and_recompiled_when_a_module_that_it_uses_changes(tmp_path):
     cache = tmp_path / "cache"
     (tmp_path / "user_drag.py").write_text("def drag(x):\n    return 0.5 * x\n")

@@ -108,6 +108,7 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
     assert over[0][:, [0, 4, 8]].any() == (action != "acceleration")
 
 
+@pytest.mark.long
 def test_a_rollout_is_reproducible_and_vehicles_are_independent():
     envs = envs_of(12)
     actions = random_actions(envs, 0, 120)

@@ -141,7 +141,7 @@ def test_a_prediction_with_a_vehicle_starts_from_more_than_the_last_samples(reco
         assert found.better("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_estimated_disturbance_compensates_a_wrong_thrust(predictions):
     """If the first vehicle has 10 % too much thrust, its filter estimates a force that compensates this for a while."""
     assert predictions.vehicles == ("stronger", "right", *PREDICTORS_WITHOUT_MODEL, WITH_DISTURBANCE)

@@ -157,6 +157,7 @@ SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
 SCENARIOS_WITH_REMARKS = {"bad_day:crazyflie_onboard", "bad_day:neural_fly"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each])
 def test_only_two_shipped_scenarios_cause_remarks_on_inactive_settings(spec):
     assert bool(remarks_on_inactive(load_scenario(spec, SHORT_ROUTES.get(spec, [])))) == (

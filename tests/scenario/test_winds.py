@@ -126,6 +126,7 @@ def test_checks_linear_models_and_hover_errors_include_a_user_s_wind(shear_wind)
     assert high / low == pytest.approx(8.0**0.143, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_user_s_wind_is_part_of_the_language(shear_wind):
     assert "ShearSource" in file_schema()["$defs"]
     assert "| `exponent` |" in language_page()

@@ -283,6 +283,7 @@ def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
         pool.next_outcomes()
 
 
+@pytest.mark.long
 def test_cancelled_futures_mean_that_the_connection_is_lost():
     with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has closed the connection$"):
         pool_with(Future("pending", "cancelled"), {"worker": 1}).next_outcomes()

@@ -36,6 +36,7 @@ def flown(scenario, tmp_path_factory):
     return folder, run_monte_carlo(scenario, 7, 3, folder=folder, num_workers=1, batch_size=7)
 
 
+@pytest.mark.long
 def test_results_do_not_depend_on_the_batch_size(scenario, flown):
     _, whole = flown
     single = run_monte_carlo(scenario, 7, 3, num_workers=1, batch_size=1)

@@ -111,7 +111,7 @@ def run(**options):
     return run_monte_carlo(study(), 8, 5, **{"num_workers": 2, "batch_size": 4, **options})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_user_s_controller_gives_each_sample_its_result_of_a_single_flight():
     found = run(position_controller=Own)
     alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics

@@ -214,7 +214,7 @@ def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
     np.testing.assert_allclose(flight["state"][-1, 3:5], 0.0, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_link_does_not_delay_the_attitude_loop_on_board(diagrams):
     """The yaw decays in the same way for any delay of the link, because no position loop affects it."""
     yaws = []

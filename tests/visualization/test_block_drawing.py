@@ -25,7 +25,7 @@ def drawings_of(spec):
     return scenario.name, drawings(build_tracking_diagram(scenario))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("spec", DRAWN_SCENARIOS)
 def test_committed_drawings_are_current(spec):
     name, current = drawings_of(spec)

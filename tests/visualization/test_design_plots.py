@@ -138,7 +138,7 @@ def test_a_root_locus_contains_the_poles_of_the_closed_loop(design):
     assert axes.get_xlim() == pytest.approx((-1.3 * edge, 0.4 * edge), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_step_responses_settle_at_the_step_size():
     loop = closed_loop(load_scenario("laboratory:nominal"))
     for axes, (row, size) in zip(

@@ -119,7 +119,7 @@ def on_screen(browser, points):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize(
     ("spec", "overrides"),
@@ -207,7 +207,7 @@ def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
         assert browser.console == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_a_swarm_replays_its_crashes(tmp_path):
     flights = simulate_samples(load_scenario("diagrams/robustness.yaml", ["duration=5"]), range(20))
