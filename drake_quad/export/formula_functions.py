@@ -1,7 +1,7 @@
 """C functions for the computations of systems: one function for each formula, on pointers to structs."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 from drake_quad.errors import InputError
@@ -50,14 +50,15 @@ class FormulaFunctions:
     Args:
         structs: structs of the header, to which the types of arguments and results are added.
         functions: static functions of the C file, to which elementary functions, branches and layers are added.
+        reserved: names that no function may have, because they are variables of the function that calls them.
 
     Attributes:
         texts: C code of each function.
     """
 
-    def __init__(self, structs: Structs, functions: Functions) -> None:
+    def __init__(self, structs: Structs, functions: Functions, reserved: Collection[str]) -> None:
         self.texts: list[str] = []
-        self._structs, self._functions = structs, functions
+        self._structs, self._functions, self._reserved = structs, functions, {"lambda", "identity", *reserved}
         self._by_signature: dict[Any, FormulaFunction] = {}
 
     def function(self, path: str, label: str, computation: Computation, absent: set[int]) -> FormulaFunction:
@@ -139,10 +140,10 @@ class FormulaFunctions:
         return FormulaFunction(name, tuple(kept), body.num_operations)
 
     def _name(self, formula: Any, label: str) -> str:
-        """Return the name of the C function of a formula: that of the Python function, if no other function has it."""
+        """Return the name of the C function of a formula: that of the Python function, if this name is free."""
         name = identifier(getattr(_unwrapped(formula), "__name__", "lambda").strip("_<>"))
         taken = {function.name for function in self._by_signature.values()}
-        return f"compute_{label}" if name in ("lambda", "identity") or name in taken else name
+        return f"compute_{label}" if name in self._reserved | taken else name
 
     def _text(
         self, name: str, computation: Computation, arguments: Sequence[Argument], targets: Sequence[str], body: Body

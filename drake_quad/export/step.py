@@ -140,7 +140,8 @@ class Step:
         self._leaves = self._topology.leaves
         self._blocks = {path: _block(path, system) for path, system in self._leaves.items()}
         self._context = diagram.CreateDefaultContext()
-        self._structs, self.formulas = structs, FormulaFunctions(structs, functions)
+        self.states, self.parameters = self._states(), self._parameters()
+        self._structs, self.formulas = structs, FormulaFunctions(structs, functions, self._variables())
         # C type of each expression that is a struct, by the expression.
         self._types: dict[str, Layout] = {}
         self._rows_of: dict[Port, list[str]] = {}
@@ -167,7 +168,6 @@ class Step:
         for name, port in output_ports.items():
             target = f"outputs->{identifier(name)}"
             self._statements[self.output_divisor] += self._assignments(target, self.outputs[name], self._rows(port))
-        self.states, self.parameters = self._states(), self._parameters()
         self._changed = self._write_updates()
 
     def lines(self) -> list[str]:
@@ -404,6 +404,16 @@ class Step:
             if isinstance(system, FleetSystem)
             for parameter in system.parameters.values()
         }
+
+    def _variables(self) -> set[str]:
+        """Return the names of all arguments and variables of the function, which no function that it calls may have."""
+        outputs = {
+            _member(path, system.get_output_port(i).get_name())
+            for path, system in self._leaves.items()
+            for i in range(system.num_output_ports())
+        }
+        systems, states = {_system(path) for path in self._leaves}, {f"next_{member}" for member in self.states}
+        return {"controller", "parameters", "inputs", "outputs", "time"} | outputs | systems | states
 
     def _parameter_member(self, path: str, parameter: Parameter) -> str:
         return _system(path) if parameter.name == "parameters" else _member(path, parameter.name)

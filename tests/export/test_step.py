@@ -14,7 +14,9 @@ from pydrake.systems.primitives import Adder, Gain, ZeroOrderHold
 from drake_quad import InputError
 from drake_quad.export.diagram_code import diagram_code
 from drake_quad.framework.c_code import DOUBLE
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.wiring import append, build
+from drake_quad.signals import Acceleration
 
 
 def holds(*periods):
@@ -71,3 +73,39 @@ def test_a_system_with_own_callbacks_is_refused():
     builder.ExportOutput(mine.get_output_port(), "total")
     with pytest.raises(InputError, match="mine .* cannot be exported: only systems that declare formulas"):
         diagram_code(build(builder, "own"), name="own", outputs=["total"], output_period=0.02, precision=DOUBLE)
+
+
+def mine(memory: Acceleration) -> Acceleration:
+    return memory._replace(x=2.0 * memory.x)
+
+
+def next_mine_memory(memory: Acceleration) -> Acceleration:
+    return memory._replace(x=memory.x + 3.0)
+
+
+@fleet_system(float)
+class Counter(FleetSystem):
+    """System whose formulas have the names of variables in its C code."""
+
+    def declare(self) -> None:
+        memory = self.state("memory", lambda _: Acceleration(1.0, 0.0, 0.0))
+        self.output("acceleration_command", mine, memory)
+        self.update(0.02, next_mine_memory, memory, writes=[memory])
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_formulas_may_have_the_names_of_variables(tmp_path):
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("mine", Counter())
+    builder.ExportOutput(builder.GetSubsystemByName("mine").get_output_port(), "total")
+    code = diagram_code(build(builder, "own"), name="own", outputs=["total"], output_period=0.02, precision=DOUBLE)
+    (tmp_path / "own.h").write_text(code.header)
+    (tmp_path / "own.c").write_text(code.source)
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", "own.so", "own.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "own.so"))
+    state, outputs = ctypes.create_string_buffer(8 * code.interface.num_states + 8), np.zeros(3)
+    library.own_init(state)
+    for expected in (2.0, 8.0, 14.0):
+        library.own_step(state, None, None, outputs.ctypes.data_as(ctypes.c_void_p))
+        assert outputs[0] == expected
