@@ -339,7 +339,7 @@ def test_the_page_of_systems_lists_the_signals():
         for names, rows, fields in re.findall(r"^\| (`.*?) \| (.*?) \| (.*) \|$", table, re.MULTILINE)
         for name in re.findall(r"`(\w+)`", names)
     }
-    # The page omits signals inside diagrams, and sensors, which scenario_language.md lists.
+    # The page omits the signals inside diagrams, and the sensors; scenario_language.md lists the sensors.
     assert SIGNALS.keys() - documented_names.keys() - SENSORS.members.keys() == {
         "feed_forward",
         "thrust",

@@ -305,7 +305,7 @@ def print_estimates(identification: Identification) -> None:
 
 
 def coverage_text(identification: Identification, name: str) -> str:
-    """Return a text on how many held-out segments estimate a parameter within its interval; empty if unknown."""
+    """Return "k of n": k of n held-out segments estimate the parameter within its interval; empty if unknown."""
     if name not in identification.held_out:
         return ""
     errors = identification.held_out[name]

@@ -138,7 +138,7 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
         for each in risk.coordinates[:_NUM_PRINTED]
     ]
     if rows:
-        print(f"samples with {risk.event}, in standard deviations; all samples have mean 0 and deviation 1")
+        print(f"samples with {risk.event}, in standard deviations from the mean of all samples")
         print_columns(("random number", "mean", "deviation", ""), rows)
 
 

@@ -168,7 +168,7 @@ class _LimitPeaks(NamedTuple):
 
 
 def _limit_peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
-    """Return all nonzero peaks of speed and acceleration, as far as they are limited."""
+    """Return the nonzero peaks of those of speed and acceleration that have a limit."""
     path = solution.path()
     parts = []
     for order, limit in limits.by_order.items():

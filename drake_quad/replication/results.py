@@ -27,7 +27,7 @@ MAPPED_CONTROLLERS = ("pd", "pd_t2fnn")
 
 @dataclass(frozen=True)
 class Experiment:
-    """Results of the experiment.
+    """Results of the replication of the paper's experiment. A cell is a controller and a wind of Table II.
 
     Attributes:
         cells: studies of the controllers of Table II and of `FAIR_CONTROLLERS` in each wind, by cell.

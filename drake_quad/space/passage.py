@@ -27,7 +27,7 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Number of candidate regions for a leg. If the chain of a leg is longer, all its regions are candidates. With eight
+# Smallest number of candidate regions for a leg. If the leg's chain of regions is longer, all of them are candidates. With eight
 # candidates, the search takes half a second.
 _MAX_CANDIDATES = 8
 # Cost of a transition to another region, m. It favours paths with fewer segments, which have fewer turns.

@@ -119,11 +119,11 @@ class Evaluator:
         numbers, shape = np.asarray(noise), (len(points), self.num_periods)
         if numbers.dtype.kind not in "iu" or numbers.shape not in ((), shape[:1], shape):
             raise InputError(
-                f"noise must be a whole number, {len(points)} whole numbers, or whole numbers of the shape {shape}"
+                f"the noise seed must be a whole number, {len(points)} whole numbers, or whole numbers of the shape {shape}"
             )
         numbers = np.broadcast_to(numbers[:, None] if numbers.ndim == 1 else numbers, shape)
         if not np.all((numbers >= 0) & (numbers < MAX_NOISE)):
-            raise InputError(f"noise must be at least 0 and below {MAX_NOISE}")
+            raise InputError(f"the noise seed must be at least 0 and below {MAX_NOISE}")
         flights = np.column_stack([np.arange(len(points)), points, numbers])
         for rows in self._flown(flights):
             self.num_flights += len(rows)

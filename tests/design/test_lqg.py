@@ -419,7 +419,7 @@ def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
 
 @pytest.mark.long
 def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
-    """The scenario has no autopilot, and no design violates the limits."""
+    """The scenario has no autopilot, and all designs satisfy the limits."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
     design = design_lqg(scenario, LqgLimits(sensitivity=1e3, delay=1e-6))

@@ -295,7 +295,7 @@ def test_environments_are_registered_and_wrapped():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
-def test_the_task_does_not_depend_on_the_heading_if_observations_are_along_it(action):
+def test_the_task_does_not_depend_on_the_heading_if_observations_rotate_with_it(action):
     """Observations and rewards are the same for another heading."""
     observation = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []

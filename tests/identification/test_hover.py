@@ -146,7 +146,7 @@ def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
     assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
-    # The trim of a command that is not logged is missing.
+    # If a command is not logged, the result contains no trim for it.
     bare = hovering(thrust_command=None)
     assert {*hover_means(bare, WEIGHT)} == {"mean roll", "mean pitch"}
     # At least one second of hover is required.

@@ -137,7 +137,7 @@ def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(
     assert np.ptp(np.bincount(found)) <= 1
 
 
-def test_a_filter_starts_with_a_large_disturbance_of_short_correlation_time() -> None:
+def test_a_filter_initially_assumes_a_large_disturbance_with_a_short_correlation_time() -> None:
     """The initial noise differs from the noise of usual sensors by less than a factor of ten."""
     signals = ("position", "velocity", "attitude", "body_rates", FORCE)
     noise = initial_noise([Output(name, column) for name in signals for column in range(3)])

@@ -404,7 +404,7 @@ def test_part_of_an_attitude_response_of_the_base_may_be_estimated(root, tmp_pat
     assert autopilot.damping == load_undesigned(base).laboratory.autopilot.damping
 
 
-def test_distributions_of_the_base_are_kept(base, tmp_path):
+def test_distributions_of_the_initial_vehicle_are_kept(base, tmp_path):
     """The distributions of list items that were not estimated are kept."""
     own = tmp_path / "own.yaml"
     own.write_text(

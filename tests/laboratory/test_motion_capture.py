@@ -29,7 +29,7 @@ from drake_quad.laboratory.motion_capture import (
 from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.signals import Attitude, State
 
-H = 0.01  # s, camera frame
+H = 0.01  # s, time between two camera frames
 
 
 def measurements_of(state, camera, *, duration, n=1):

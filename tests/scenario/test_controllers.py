@@ -75,7 +75,7 @@ def load(controller, *overrides):
         ("learning.kind", "newton", "must be one of 'covariance', 'gradient', 'sign'"),
         ("learning.rate", "1.0", "rate is unknown"),
         ("learning.deadzone", "-0.1", "must be at least 0"),
-        ("adaptive", "{}", "must have a learning rate of centres or widths or exponents, or be null"),
+        ("adaptive", "{}", "must contain at least one learning rate, centres or widths or exponents, or be null"),
         ("adaptive.widths", "0", "must be larger than 0"),
         ("axes", "[]", "axes"),
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),

@@ -84,10 +84,10 @@ def test_the_ends_of_the_cube_are_allowed(scenario):
         (
             np.full((2, 4), 0.5),
             [1],
-            "noise must be a whole number, 2 whole numbers, or whole numbers of the shape \\(2, 1\\)",
+            "the noise seed must be a whole number, 2 whole numbers, or whole numbers of the shape \\(2, 1\\)",
         ),
-        (np.full((1, 4), 0.5), 0.5, "noise must be a whole number"),
-        (np.full((1, 4), 0.5), -1, "noise must be at least 0"),
+        (np.full((1, 4), 0.5), 0.5, "the noise seed must be a whole number"),
+        (np.full((1, 4), 0.5), -1, "the noise seed must be at least 0"),
     ],
 )
 def test_wrong_points_are_refused(scenario, points, noise, message):

@@ -51,7 +51,7 @@ class DisturbanceLaw(Protocol):
         """Return the memory after the measurement of a tick."""
 
     def predict(self, memory: "tuple[Row, ...]", increment: ModelIncrement, period: float) -> "tuple[Row, ...]":
-        """Return the memory at the next tick, before its measurement."""
+        """Return the memory predicted for the next tick, without the measurement of that tick."""
 
 
 class KalmanMemory(NamedTuple):

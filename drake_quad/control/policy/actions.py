@@ -68,7 +68,7 @@ class AttitudeScale(NamedTuple):
 
 
 class RatesScale(NamedTuple):
-    """Thrust and body rates for actions of -1 and 1, and parameters of the body rate loop on the ground.
+    """Thrust and body rates for actions of -1 and 1, and parameters of the body rate loop on the ground computer.
 
     Attributes:
         thrust: range of the thrust, for the first row of an action.

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from drake_quad.errors import shorten_text
 
-# Largest number of characters that a message shows of a source. Most paths are shorter, so they remain complete.
+# A message shortens the path of a file to this number of characters. Most paths are shorter, so they remain complete.
 _MAX_SOURCE_CHARACTERS = 120
 
 

@@ -409,7 +409,7 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Append a limit. A limit on the action beyond [-1, 1] has no effect, since actions are never beyond it."""
+    """Append a clipping layer. It is omitted if it clips actions outside [-1, 1], which they never leave."""
     attributes = [node.attributes.get(name) for name in ("min", "max")]  # the limits are attributes up to opset 10
     bounds = attributes if len(node.constants) == 1 else [*node.constants[1:], None][:2]
     if node.chain_index or any(np.size(each) != 1 for each in bounds if each is not None):

@@ -107,7 +107,7 @@ class SignLearning(_Learning):
     reset: ClassVar = "never"
 
     def law(self) -> SignLaw:
-        """Return the law that uses the sign of the command."""
+        """Return the learning law that uses only the sign of the command."""
         return SignLaw(self.rate, self.initial_slope)
 
 

@@ -160,7 +160,7 @@ class AdaptiveTriangles(Model):
     def _some(self) -> "AdaptiveTriangles":
         if not self.parts:
             names = " or ".join(type(self).model_fields)
-            raise validation_error(f"must have a learning rate of {names}, or be null")
+            raise validation_error(f"must contain at least one learning rate, {names}, or be null")
         return self
 
 
