@@ -299,7 +299,7 @@ class MinimumSnap:
             return solution, np.zeros_like(gaps)
         by_axis = solution.reshape(len(self._unit), self.points.shape[1], -1)
         missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
-        # A multiplier along one direction moves the path along a second one in proportion to the scalar product of both.
+        # A multiplier along one direction moves the path along another one by their scalar product.
         response = (self._rows @ self._contact_responses) * (self._directions @ self._directions.T)
         # The equations are solved by least squares, since two contacts can be linearly dependent.
         multipliers = np.linalg.lstsq(response, missing, rcond=1e-12)[0]

@@ -119,7 +119,8 @@ class Evaluator:
         numbers, shape = np.asarray(noise), (len(points), self.num_periods)
         if numbers.dtype.kind not in "iu" or numbers.shape not in ((), shape[:1], shape):
             raise InputError(
-                f"the noise seed must be a whole number, {len(points)} whole numbers, or whole numbers of the shape {shape}"
+                f"the noise seed must be a whole number, {len(points)} whole numbers, or whole numbers of the shape"
+                f" {shape}"
             )
         numbers = np.broadcast_to(numbers[:, None] if numbers.ndim == 1 else numbers, shape)
         if not np.all((numbers >= 0) & (numbers < MAX_NOISE)):

@@ -66,7 +66,7 @@ def features_of(controller):
 
 
 def states_of_flight(controller, turn, duration=0.8):
-    """Return the states (ticks, 12) of a flight whose reference velocity jumps at the start; all vectors are rotated about Z."""
+    """Return the states (ticks, 12) of a flight, rotated about Z, whose reference velocity jumps at the start."""
     scenario, layers, overrides = base_of(controller)
     route = {
         "kind": "lissajous",
