@@ -14,7 +14,7 @@ from drake_quad.flight.formats.mcap_file import messages_of, topics_of
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerParameters, SpecificForce
-from drake_quad.laboratory.sensors.sensor import SensorLaw
+from drake_quad.laboratory.sensors.sensor import SensorLaw, with_errors
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
@@ -71,7 +71,9 @@ def check_member(kind, name):
     """Assert that the system of a sensor has the ports and the noise that its settings declare."""
     vehicle = load_scenario("hover").vehicle
     exact = kind.model_validate({"kind": name})
-    imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
+    defaults = {field: kind.model_fields[field].default for field in kind.noise}
+    noise = {field: [0.5] * len(value) if isinstance(value, tuple) else 0.5 for field, value in defaults.items()}
+    imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | noise)
     for sensor, noisy in ((exact, False), (imperfect, True)):
         system = sensor.recipe(sensor, vehicle).build(2)
         assert [*system.random_inputs] == ["noise"] * noisy
@@ -80,7 +82,10 @@ def check_member(kind, name):
         assert system.num_input_ports() == len(kind.law.reads) + noisy
         for i in range(len(kind.law.reads)):
             assert system.get_input_port(i).get_name() == kind.law.reads[i]
-    assert len(system.states) == 2
+        assert system.HasOutputPort(f"{name}_valid") == kind.law.can_miss
+        assert system.num_output_ports() == 1 + kind.law.can_miss
+    in_transit = {f"{name}_in_transit", *([f"{name}_valid", f"{name}_valid_in_transit"] if kind.law.can_miss else [])}
+    assert system.states.keys() - {"memory"} == {name, *in_transit}
 
 
 @pytest.mark.parametrize("name", SENSORS.members)
@@ -159,6 +164,8 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
         "period": 0.01,
         "noisy": True,
         "longest_latency": 3,
+        "errors": (),
+        "fault": None,
     }
     parameters = first.parameters
     np.testing.assert_allclose(parameters.position, [0.05 + 0.0003, -0.03 - 0.0008, 0.02], rtol=1e-12)
@@ -174,7 +181,7 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
         recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
         assert recipe.structure["noisy"] == noisy
     default = AccelerometerSettings(kind="accelerometer")
-    assert default.parameters(load_scenario("hover").vehicle) == AccelerometerParameters()
+    assert with_errors(default.parameters(load_scenario("hover").vehicle), ()) == AccelerometerParameters()
 
 
 def hover(*sensors, **fields):

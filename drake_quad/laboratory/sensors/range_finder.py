@@ -49,7 +49,7 @@ class RangeFinderParameters(NamedTuple):
     latency_samples: Number = 0.0
 
 
-def distance_to_ground(state: State, position: SensorPosition, ground: PositionW) -> tuple[Row, Row]:
+def distance_to_ground(state: State, position: SensorPosition, ground: PositionW) -> tuple[Row, bool]:
     """Return the distance to the ground along -z of B, m, and whether -z points at the ground.
 
     The distance is at least `MIN_DISTANCE`, so that it can be a divisor.

@@ -19,7 +19,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import where
-from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, Input, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.wiring import build, connect_inputs
 from drake_quad.laboratory.delay_line import DelayLine, declare_delay_line, delay_line_step, latest_sample
@@ -309,7 +309,7 @@ class Sensor(FleetSystem):
         def law_parameters(parameters: Any) -> Any:
             return with_errors(parameters if fault is None else parameters.sensor, errors)
 
-        signals = [self.input(signal) for signal in law.reads]
+        signals: list[Input | None] = [self.input(signal) for signal in law.reads]
         signals += [self.input(signal) if error in errors else None for error, signal in law.errors_that_read]
         parameter = self.parameter("parameters", law_parameters)
         example = law_parameters(parameters)

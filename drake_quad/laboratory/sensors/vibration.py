@@ -47,7 +47,7 @@ class Responses(NamedTuple):
     z: Vector
 
 
-class PerRotor(NamedTuple):
+class RotorAngles(NamedTuple):
     """An angle for each rotor."""
 
     rotor_1: Angle
@@ -68,14 +68,14 @@ class Vibration(NamedTuple):
 
     responses: tuple[Responses, Responses, Responses, Responses]
     harmonics: tuple[Number, ...]
-    initial_phases: PerRotor
+    initial_phases: RotorAngles
     period: Row
 
 
 class RotorPhases(NamedTuple):
     """Phases and speeds of the rotors at a reading."""
 
-    phase: PerRotor
+    phase: RotorAngles
     speed: RotorSpeed
 
 
@@ -120,7 +120,7 @@ def next_phases(vibration: Vibration, phases: RotorPhases, speed: RotorSpeed) ->
         wrap_angle(phase + half * (before + now))
         for phase, before, now in zip(phases.phase, phases.speed, speed, strict=True)
     )
-    return RotorPhases(PerRotor._make(turned), speed)
+    return RotorPhases(RotorAngles._make(turned), speed)
 
 
 def vibration_force(vibration: Vibration, phases: RotorPhases, bandwidth: Row | None) -> Vector:

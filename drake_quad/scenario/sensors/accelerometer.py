@@ -50,7 +50,9 @@ class AccelerometerSettings(InertialSettings):
     def parameters(self, vehicle: Any) -> AccelerometerParameters:
         """Return the accelerometer parameters, with the position relative to the centre of mass."""
         position = relative_to_centre(self.position, vehicle)
-        vibration = self.vibration and self.vibration.of_accelerometer(vehicle, Vector(*position), self.period)
+        vibration = None
+        if self.vibration is not None:
+            vibration = self.vibration.of_accelerometer(vehicle, Vector(*position), self.period)
         return record_like(
             AccelerometerParameters,
             self,

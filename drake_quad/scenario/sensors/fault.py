@@ -74,7 +74,7 @@ class DropoutsOfSensor(_Fault):
 
     def loss_rate(self) -> Row:
         """Return the probability that a reading is lost."""
-        return self.probability  # type: ignore[return-value]
+        return self.probability
 
 
 AnyFault = Annotated[FailedSensor | FrozenSensor | DropoutsOfSensor, Field(discriminator="kind")]

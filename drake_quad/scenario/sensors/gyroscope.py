@@ -42,5 +42,5 @@ class GyroscopeSettings(InertialSettings):
 
     def parameters(self, vehicle: Any) -> GyroscopeParameters:
         """Return the gyroscope parameters."""
-        vibration = self.vibration and self.vibration.of_gyroscope(vehicle, self.period)
+        vibration = None if self.vibration is None else self.vibration.of_gyroscope(vehicle, self.period)
         return record_like(GyroscopeParameters, self, noise=self.white_noise(), errors=self.inertial_errors(vibration))

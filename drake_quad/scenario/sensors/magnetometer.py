@@ -64,10 +64,9 @@ class MagnetometerSettings(SensorSettings):
     def parameters(self, vehicle: Any) -> MagnetometerParameters:
         """Return the magnetometer parameters."""
         settings: Any = self
-        drag_factors = tuple([rotor.drag_factor for rotor in rotors_of(vehicle)])
-        errors = MagnetometerErrors(
-            SoftIron(*settings.soft_iron), MotorInterference(Vector(*settings.motor_interference), drag_factors)
-        )
+        first, second, third, fourth = (rotor.drag_factor for rotor in rotors_of(vehicle))
+        interference = MotorInterference(Vector(*settings.motor_interference), (first, second, third, fourth))
+        errors = MagnetometerErrors(SoftIron(*settings.soft_iron), interference)
         earth = EarthField.of(
             strength=settings.strength,
             inclination=settings.inclination,

@@ -40,6 +40,6 @@ class UwbRangeSettings(SensorSettings):
 
     def parameters(self, vehicle: Any) -> UwbParameters:
         """Return the parameters of the distance."""
-        errors = UwbErrors(Outliers.of(self.outlier_rate, self.outlier_size))  # type: ignore[arg-type]
+        errors = UwbErrors(Outliers.of(self.outlier_rate, self.outlier_size))
         position = relative_to_centre(self.position, vehicle)
-        return record_like(UwbParameters, self, anchor=Anchor(*self.anchor), position=position, errors=errors)  # type: ignore[arg-type]
+        return record_like(UwbParameters, self, anchor=Anchor(*self.anchor), position=position, errors=errors)

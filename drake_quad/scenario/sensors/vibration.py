@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from drake_quad.geometry.axes import Vector
-from drake_quad.laboratory.sensors.vibration import FreeBody, PerRotor, Responses, Vibration, rotor_forces
+from drake_quad.laboratory.sensors.vibration import FreeBody, Responses, RotorAngles, Vibration, rotor_forces
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.plausible import Plausible
@@ -57,4 +57,4 @@ class VibrationSettings(Model):
         for rotor, unbalance in zip(rotors_of(vehicle), self.unbalance, strict=True):
             hub = Vector(rotor.x - centre_x, rotor.y - centre_y, rotor.z)
             responses.append(Responses._make(response(hub, force) for force in rotor_forces(rotor, unbalance)))
-        return Vibration(tuple(responses), self.thrust_harmonics, PerRotor(*self.initial_phases), period)  # type: ignore[arg-type]
+        return Vibration(tuple(responses), self.thrust_harmonics, RotorAngles(*self.initial_phases), period)  # type: ignore[arg-type]
