@@ -1,5 +1,6 @@
 """Tests of sensors in scenarios: their attributes, and flights with shipped and user-defined sensors."""
 
+import json
 import pickle
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -20,7 +21,7 @@ from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
-from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, numbered
+from drake_quad.signals import SIGNALS, BodyRates, Charge, Number, Quantity, Row, State, Wind, numbered
 
 SENSORS_OVERRIDE = (
     "laboratory.sensors=[{kind: accelerometer, position: [0.05, -0.03, 0.02], latency_samples: {choice: [0, 1, 3]},"
@@ -134,6 +135,87 @@ def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
     for flight, expected in zip(compiled, wired, strict=True):
         for name in ("state", *drawn.laboratory.named_sensors):
             np.testing.assert_array_equal(flight[name][1:], expected[name][1:], err_msg=name)
+
+
+# Each kind of sensor with all its errors, and each kind of fault. The parameters of some errors are random.
+EVERY_SENSOR = [
+    {
+        "kind": "accelerometer",
+        "period": 0.02,  # that of the recorded ticks
+        "noise_density": 0.003,
+        "bias_instability": 0.02,
+        "bias_time": 0.3,
+        "bias_random_walk": {"uniform": {"min": 0.01, "max": 0.02}},
+        "scale_error": [0.01, -0.02, 0.03],
+        "misalignment": [0.02, -0.03, 0.04],
+        "bandwidth": 150.0,
+        "temperature_coefficient": [0.01, 0.02, -0.01],
+        "warm_up_rise": 10.0,
+        "warm_up_time": 0.3,
+        "full_scale": 9.9,
+        "resolution": 0.0048,
+        "position": [0.05, -0.03, 0.02],
+        "vibration": {
+            "unbalance": [1e-6, {"uniform": {"min": 1e-6, "max": 3e-6}}, 2e-6, 3e-6],
+            "thrust_harmonics": [0.0, 0.01],
+            "initial_phases": [0.1, 0.7, 1.9, 2.6],
+        },
+        "fault": {"kind": "dropout", "probability": 0.2},
+    },
+    {
+        "kind": "gyroscope",
+        "noise_density": 1e-4,
+        "bias": [{"uniform": {"min": -0.01, "max": 0.01}}, 0.01, 0.0],
+        "bias_instability": 1e-3,
+        "vibration": {"unbalance": [2e-6, 1e-6, 3e-6, 2e-6]},
+        "fault": {"kind": "frozen", "time": 0.35, "duration": 0.1},
+    },
+    {
+        "kind": "barometer",
+        "height_noise": 0.1,
+        "drift": 0.3,
+        "dynamic_pressure": 0.4,
+        "ground_effect": 1.5,
+        "latency_samples": 1,
+    },
+    {
+        "kind": "magnetometer",
+        "field_noise": 1e-7,
+        "hard_iron": [1e-6, 2e-6, -1e-6],
+        "soft_iron": [0.01, 0.02, 0.03, -0.01, 0.02, 0.01],
+        "motor_interference": [1e-5, 0.0, 2e-5],
+        "fault": {"kind": "dropout", "probability": {"choice": [0.1, 0.3]}, "time": 0.1},
+    },
+    {
+        "kind": "gnss",
+        "period": 0.04,
+        "position_noise": [0.1, 0.1, 0.2],
+        "velocity_noise": [0.05, 0.05, 0.1],
+        "position_drift": [1.0, 1.0, 2.0],
+        "multipath": [1.0, 1.0, 2.0],
+        "multipath_time": 0.1,
+        "latency_samples": 2,
+        "fault": {"kind": "failed", "time": {"uniform": {"min": 0.1, "max": 0.3}}},
+    },
+    {"kind": "range_finder", "distance_noise": 0.01, "relative_noise": 0.01, "max_distance": 1.01},
+    {"kind": "optical_flow", "flow_noise": 0.01, "scale_error": 0.05, "position": [0.02, 0.0, 0.0]},
+    {"kind": "uwb_range", "anchor": [3.0, 0.0, 0.5], "distance_noise": 0.05, "outlier_rate": 0.2, "outlier_size": 0.5},
+    {"kind": "uwb_range", "anchor": [0.0, 3.0, 0.5], "max_distance": 2.5},
+]
+
+
+@pytest.mark.slow
+def test_readings_of_all_kinds_of_sensors_agree_in_wired_compiled_and_fleet_flights(asymmetric):
+    sensors = f"laboratory.sensors={json.dumps(EVERY_SENSOR)}"
+    drawn = asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.5", sensors)
+    flights = assert_flown_alike(Batch.draw(drawn, range(3)))
+    (alone,) = simulate_samples(drawn, [2])
+    assert {*drawn.laboratory.sensor_signals} <= alone.keys()
+    for name, values in alone.items():
+        np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
+    valid = flights[2]["accelerometer_valid"][:, 0]
+    assert 0.5 < valid.mean() < 1.0
+    np.testing.assert_array_equal(np.diff(flights[2]["accelerometer"][:, 0])[valid[1:] == 0.0], 0.0)
 
 
 @pytest.mark.slow
@@ -262,6 +344,9 @@ def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
         ("period: 0.005", "time_step is 0.01.*, but must not be .*, 0.005 s of laboratory.sensors.0.period"),
         ("noise_density: -0.1", "laboratory.sensors.0.noise_density is -0.1, but must be at least 0"),
         ("latency_samples: 0.5", "laboratory.sensors.0.latency_samples is 0.5, but must be a whole number"),
+        ("fault: {kind: dropout, probability: 2}", "fault.probability is 2, but must be at least 0 and at most 1"),
+        ("fault: {kind: broken}", "laboratory.sensors.0.fault.kind is 'broken', but must be"),
+        ("vibration: {unbalance: [1.0, 0]}", "laboratory.sensors.0.vibration.unbalance"),
     ],
 )
 def test_a_sensor_with_invalid_settings_is_refused(sensor, words):
@@ -299,6 +384,31 @@ def test_a_user_s_control_can_read_sensors():
         InputError, match="control has the input port `accelerometer_2`, but may only have .*accelerometer`"
     ):
         simulate(hover({"kind": "accelerometer"}), control=SpecificForceControl())
+
+
+@pytest.mark.slow
+def test_environments_provide_the_validity_and_the_readings_of_any_sensor():
+    steps = []
+    envs = QuadrotorVectorEnv(
+        "hover",
+        {
+            "laboratory.sensors": [
+                {"kind": "gyroscope", "noise_density": 1e-4, "vibration": {"unbalance": [1e-6, 0, 0, 0]}},
+                {"kind": "gnss", "fault": {"kind": "failed"}},
+            ]
+        },
+        num_envs=2,
+        action="rates",
+        signals=["gyroscope", "gnss", "gnss_valid"],
+        reward=lambda step: steps.append(step.signals) or np.zeros(2),
+    )
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 4)))
+    (signals,) = steps
+    assert isinstance(signals["gyroscope"], BodyRates)
+    assert (signals["gyroscope"].p != 0.0).all()
+    assert not signals["gnss_valid"].valid.any()
+    assert not signals["gnss"].z.any()
 
 
 @pytest.mark.slow
