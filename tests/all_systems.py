@@ -112,7 +112,14 @@ from drake_quad.laboratory.sensors.magnetometer import (
 )
 from drake_quad.laboratory.sensors.optical_flow import OPTICAL_FLOW, OpticalFlowParameters
 from drake_quad.laboratory.sensors.range_finder import RANGE_FINDER, RangeFinderParameters
-from drake_quad.laboratory.sensors.sensor import FaultKind, FaultySensor, Sensor, SensorFault, build_sensors
+from drake_quad.laboratory.sensors.sensor import (
+    FaultKind,
+    FaultySensor,
+    Sensor,
+    SensorFault,
+    build_sensors,
+    error_names,
+)
 from drake_quad.laboratory.sensors.uwb_range import UWB_RANGE, Anchor, Outliers, UwbErrors, UwbParameters
 from drake_quad.laboratory.sensors.vibration import Responses, RotorAngles, Vibration
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceParameters
@@ -686,22 +693,6 @@ FLEET_SYSTEMS = [
         has_all_ports=False,
     ),
     Example(Sensor, FAULTY_ACCELEROMETER, {**FAULTY_ACCELEROMETER_STRUCTURE, "longest_latency": 2}, num_vehicles=2),
-    *(
-        Example(
-            Sensor,
-            parameters,
-            {
-                "name": name,
-                "law": law,
-                "noisy": True,
-                "longest_latency": 1,
-                "errors": getattr(getattr(parameters, "errors", ()), "_fields", ()),
-            },
-            num_vehicles=2,
-            has_all_ports=False,
-        )
-        for name, (law, parameters) in OTHER_SENSORS.items()
-    ),
     Example(Sensor, ACCELEROMETER_PARAMETERS, ACCELEROMETER_STRUCTURE, has_all_ports=False),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(
@@ -741,6 +732,25 @@ FLEET_SYSTEMS = [
         has_all_ports=False,
     ),
 ]
+
+
+SENSOR_EXAMPLES = [
+    Example(
+        Sensor,
+        parameters,
+        {
+            "name": name,
+            "law": law,
+            "noisy": True,
+            "longest_latency": 1,
+            "errors": error_names(parameters),
+        },
+        num_vehicles=2,
+        has_all_ports=False,
+    )
+    for name, (law, parameters) in OTHER_SENSORS.items()
+]
+"""Examples of all kinds of sensors except for the accelerometer, with all errors."""
 
 
 def _policy_control() -> Any:
