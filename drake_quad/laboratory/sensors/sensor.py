@@ -307,7 +307,7 @@ class Sensor(FleetSystem):
         structure = _Structure(law, fault, longest_latency)
 
         def law_parameters(parameters: Any) -> Any:
-            return with_errors(parameters if fault is None else parameters.sensor, errors)
+            return with_errors(parameters.sensor if isinstance(parameters, FaultySensor) else parameters, errors)
 
         signals: list[Input | None] = [self.input(signal) for signal in law.reads]
         signals += [self.input(signal) if error in errors else None for error, signal in law.errors_that_read]

@@ -129,7 +129,7 @@ def vibration_force(vibration: Vibration, phases: RotorPhases, bandwidth: Row | 
     for response, phase, speed in zip(vibration.responses, *phases, strict=True):
         lines = _lines(phase, speed, len(vibration.harmonics), bandwidth)
         ripple = _weighted(vibration.harmonics, [cosine for cosine, _ in lines])
-        cosine, sine = lines[0]
+        (cosine, sine), *_ = lines
         total = plus(total, times(speed * speed, _sum(response, cosine, sine, ripple)))
     return total
 
@@ -140,7 +140,7 @@ def vibration_rate(vibration: Vibration, phases: RotorPhases, bandwidth: Row | N
     for response, phase, speed in zip(vibration.responses, *phases, strict=True):
         lines = _lines(phase, speed, len(vibration.harmonics), bandwidth)
         ripple = _weighted(vibration.harmonics, [sine * (1.0 / (k + 1)) for k, (_, sine) in enumerate(lines)])
-        cosine, sine = lines[0]
+        (cosine, sine), *_ = lines
         total = plus(total, times(speed, _sum(response, sine, -cosine, ripple)))
     return total
 
@@ -148,10 +148,11 @@ def vibration_rate(vibration: Vibration, phases: RotorPhases, bandwidth: Row | N
 def _lines(phase: Angle, speed: RotorRate, num_harmonics: int, bandwidth: Row | None) -> list[tuple[Row, Row]]:
     """Return cos kφ and sin kφ for the harmonics k = 1, 2, ..., at least for k = 1, filtered by the sensor."""
     sine, cosine = sin_cos(phase)
-    lines = [(cosine, sine)]
+    c, s = cosine, sine
+    lines = [(c, s)]
     for _ in range(num_harmonics - 1):
-        c, s = lines[-1]
-        lines.append((c * cosine - s * sine, s * cosine + c * sine))
+        c, s = c * cosine - s * sine, s * cosine + c * sine
+        lines.append((c, s))
     if bandwidth is None:
         return lines
     filtered = []
