@@ -17,6 +17,7 @@ from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerParameters, SpecificForce
 from drake_quad.laboratory.sensors.sensor import SensorLaw, with_errors
 from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
@@ -357,9 +358,27 @@ def test_a_sensor_with_invalid_settings_is_refused(sensor, words):
 @pytest.mark.slow
 def test_sensors_do_not_change_linear_models():
     """No built-in control reads sensors, and slow sensors do not lengthen the period of a linear model."""
-    plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
+    sensors = {"kind": "accelerometer", "period": 0.08}, {"kind": "gyroscope", "bias_instability": 0.01}
+    plain, sensing = closed_loop(hover()).system, closed_loop(hover(*sensors)).system
     np.testing.assert_array_equal(sensing.A, plain.A)
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
+
+
+@pytest.mark.parametrize("layer", [name for name in shipped_scenarios() if name.startswith("sensors/")])
+def test_shipped_sensors_measure_hover_within_the_errors_of_their_data_sheets(layer):
+    """The flight is a sample, so the biases of a layer are drawn. White noise is below six standard deviations."""
+    flight = simulate(load_scenario("hover", ["duration=0.4", "sample=1"], layers=[layer]))
+    assert {"gyroscope", "accelerometer"} <= {*flight.scenario.laboratory.named_sensors}
+    rates, force = flight.record("gyroscope"), flight.record("accelerometer")
+    assert np.abs(rates).max() < 6.0 * 0.0044 + 6.0 * 0.005
+    assert np.ptp(rates.p) > 0.0
+    np.testing.assert_allclose(np.array(force).mean(axis=1), [0.0, 0.0, 9.81], atol=0.05)
+    for name in flight.scenario.laboratory.sensor_signals:
+        if name.endswith("_valid"):
+            assert flight[name].all()
+    if "barometer" in flight.signals:
+        assert np.abs(flight.record("barometer").height - 1.0).max() < 6.0 * 0.33
+        np.testing.assert_allclose(flight.record("range_finder").distance, 1.0, atol=0.02)
 
 
 class SpecificForceControl(LeafSystem):
