@@ -39,6 +39,26 @@ def moving(seed):
     return State(*rows)._replace(z=1.5)
 
 
+@pytest.mark.parametrize(
+    ("kind", "settings", "deviation"),
+    [
+        ("magnetometer", {"field_noise": 2e-7}, 2e-7),
+        ("range_finder", {"distance_noise": 0.01, "relative_noise": 0.02}, 0.01 + 0.02 * 1.5),
+        ("optical_flow", {"flow_noise": 0.03}, 0.03),
+        ("uwb_range", {"distance_noise": 0.1, "outlier_rate": 0.0}, 0.1),
+    ],
+)
+def test_readings_have_white_noise_of_the_given_deviation(kind, settings, deviation):
+    """Readings, rows and vehicles are independent. Limits are four standard errors."""
+    law = SENSORS.get(kind).law
+    signals = HOVER, *[None] * len(law.errors_that_read)
+    readings = series(law, parameters_of(kind, **settings), lambda k: signals, 50, 400, seed=8)
+    errors = readings - series(law, parameters_of(kind), lambda k: signals, 1)
+    assert errors.std() == pytest.approx(deviation, rel=4.0 / np.sqrt(2.0 * errors.size))
+    assert np.mean(errors[1:] * errors[:-1]) / deviation**2 == pytest.approx(0.0, abs=4.0 / np.sqrt(errors.size))
+    assert np.mean(errors) == pytest.approx(0.0, abs=4.0 * deviation / np.sqrt(errors.size))
+
+
 def test_the_magnetometer_yields_the_heading_for_any_tilt_and_declination():
     """Magnetic north is to the west of true north for a negative declination, that is, at a larger angle in W."""
     declination, inclination, north = -0.3, 1.1, 0.5 * np.pi
@@ -118,6 +138,9 @@ def test_the_barometer_reads_low_in_wind_and_at_the_ground():
     assert height == pytest.approx(1.5 - 0.5 * 100.0 / (2.0 * 9.81), rel=1e-12)
     (height,) = BAROMETER.formula(windy, None, memory, state, Wind(6.0, 0.0, 0.0))
     assert height == pytest.approx(1.5, rel=1e-12)
+    rising = HOVER._replace(v_y=2.0, v_z=3.0)
+    (height,) = BAROMETER.formula(windy, None, memory, rising, Wind(0.0, 1.0, -1.0))
+    assert height == pytest.approx(1.5 - 0.5 * (1.0 + 16.0) / (2.0 * 9.81), rel=1e-12)
     near_ground = parameters_of("barometer", ground_effect=2.0, ground_effect_length=0.4)
     heights = np.array([0.0, 0.4, 40.0])
     (read,) = BAROMETER.formula(near_ground, None, memory, HOVER._replace(z=heights), None)
@@ -150,6 +173,8 @@ def test_optical_flow_is_the_velocity_over_the_height():
     flow, valid = OPTICAL_FLOW.formula(parameters, None, HOVER._replace(v_x=0.6, v_y=-0.3))
     np.testing.assert_allclose(flow, [0.4, -0.2], rtol=1e-12)
     assert valid
+    scaled, _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", scale_error=0.1), None, HOVER._replace(v_x=0.6))
+    assert scaled.x == pytest.approx(1.1 * 0.4, rel=1e-12)
     assert not OPTICAL_FLOW.formula(parameters, None, HOVER._replace(v_y=-3.1)).valid
     assert not OPTICAL_FLOW.formula(parameters, None, HOVER._replace(z=-1.0)).valid
 

@@ -10,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from drake_quad import load_scenario
 from drake_quad.laboratory.sensors.gauss_markov import Correlation
 from drake_quad.laboratory.sensors.gnss import GNSS, GnssErrors, GnssParameters, PositionDeviation, PositionDrift
 from drake_quad.laboratory.sensors.sensor import (
@@ -22,6 +23,7 @@ from drake_quad.laboratory.sensors.sensor import (
     SensorMemory,
 )
 from drake_quad.randomness.streams import Samples, StreamKind
+from drake_quad.scenario.sensors.gyroscope import GyroscopeSettings
 from drake_quad.signals import SIGNALS, Number, Quantity, Valid
 
 PERIOD = 0.1
@@ -110,6 +112,21 @@ def test_a_frozen_sensor_repeats_its_last_reading_as_if_it_were_new():
     flight = flown(clock(kind=FROZEN, fault=SensorFault(0.25, np.inf, 1.0)))
     np.testing.assert_allclose(flight["clock"][:, 0], [0.0, 0.1, *[0.2] * 8], atol=1e-12)
     np.testing.assert_array_equal(flight["clock_valid"], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "kind", "fault"),
+    [
+        ({"kind": "failed", "time": 2.0, "duration": 3.0}, FAILED, SensorFault(2.0, 5.0, 1.0)),
+        ({"kind": "frozen", "time": 2.0}, FROZEN, SensorFault(2.0, np.inf, 1.0)),
+        ({"kind": "dropout", "probability": 0.3}, DROPOUT, SensorFault(0.0, np.inf, 0.3)),
+    ],
+)
+def test_a_fault_of_a_scenario_has_its_effect_interval_and_probability(settings, kind, fault):
+    sensor = GyroscopeSettings.model_validate({"kind": "gyroscope", "fault": settings})
+    recipe = sensor.recipe(sensor, load_scenario("hover").vehicle)
+    assert recipe.structure["fault"] == kind
+    assert recipe.parameters.fault == fault
 
 
 def test_the_validity_of_a_reading_arrives_together_with_the_reading():

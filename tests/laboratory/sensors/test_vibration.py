@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 from sensor_series import series
 
 from drake_quad import load_scenario
@@ -9,6 +10,7 @@ from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER
 from drake_quad.laboratory.sensors.gyroscope import GYROSCOPE
 from drake_quad.laboratory.sensors.sensor import with_errors
 from drake_quad.laboratory.sensors.vibration import RotorAngles, Vibration, first_phases, next_phases
+from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
 from drake_quad.scenario.sensors.gyroscope import GyroscopeSettings
 from drake_quad.signals import RotorSpeed, State, VehicleAcceleration
@@ -103,6 +105,34 @@ def test_the_angular_acceleration_of_the_gyroscope_is_that_of_two_accelerometers
     angular_acceleration = (rates[2:] - rates[:-2]) / (2.0 * period)
     expected = np.cross(angular_acceleration, position)
     np.testing.assert_allclose((outer - inner)[1:-1], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_mass():
+    """The rate has the amplitude of the torque over the inertia and the frequency. The rotor is not at the centre."""
+    frequency, rate, body = 90, 400, vehicle()
+    speed = 2.0 * np.pi * frequency
+    vibration = {"thrust_harmonics": [0.03]}
+    measured = readings("gyroscope", lambda k: (speed, 0.0, 0.0, 0.0), rate, vibration, period=1.0 / rate)
+    rotor, *_ = rotors_of(body)
+    force = 0.03 * rotor.thrust_factor * speed**2
+    arms = rotor.y - CENTRE[1], rotor.x - CENTRE[0]
+    for axis, (arm, inertia) in enumerate(zip(arms, body.inertia, strict=False)):
+        assert amplitudes(measured[:, axis])[frequency] == pytest.approx(abs(arm) * force / (inertia * speed), rel=1e-9)
+    np.testing.assert_allclose(measured[:, 2], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_the_filtered_vibration_is_the_vibration_behind_the_filter_in_continuous_time(kind):
+    """`scipy.signal.lsim` filters a densely sampled vibration. The transient of the filter decays as exp(-8)."""
+    period, speeds, bandwidth = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0), 800.0
+    unfiltered, filtered = (
+        readings(kind, lambda k: speeds, 1200, period=period, **settings) for settings in ({}, {"bandwidth": bandwidth})
+    )
+    system = scipy.signal.StateSpace([[-bandwidth]], [[bandwidth]], [[1.0]], [[0.0]])
+    for axis in range(3):
+        _, expected, _ = scipy.signal.lsim(system, unfiltered[:, axis], period * np.arange(1200))
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(filtered[1000:, axis], expected[1000:], atol=2e-3 * size)
 
 
 def test_counter_rotating_rotors_of_equal_phase_shake_only_along_one_axis():
