@@ -144,10 +144,12 @@ class _Structure(NamedTuple):
         return self.law.can_miss or self.fault is not None
 
     def sample(self, memory: Any, parameters: Any, noise: Any, signals: tuple[Any, ...]) -> Sample:
-        """Return the reading of a sensor without a fault."""
+        """Return the reading of a sensor without a fault; the validity is 1 or 0."""
         arguments = (parameters, noise) if self.law.memory is None else (parameters, noise, memory)
         result = self.law.formula(*arguments, *signals)
-        return result if self.law.can_miss else Sample(result, True)
+        if not self.law.can_miss:
+            return Sample(result, 1.0)
+        return Sample(result.reading, where(result.valid, 1.0, 0.0))
 
     def faulty(self, sample: Sample, last: Any, fault: SensorFault, dropout: Dropout | None, time: Row) -> Sample:
         """Return the reading of a sensor with a fault, given the last reading and the reading without a fault."""
@@ -155,7 +157,7 @@ class _Structure(NamedTuple):
         is_lost = (time >= fault.start) & (time < fault.end)
         if dropout is not None:
             is_lost = is_lost & (dropout.reading < fault.rate)
-        valid = where(is_lost, 0.0, where(sample.valid, 1.0, 0.0)) > 0.5 if self.fault.is_reported else sample.valid
+        valid = where(is_lost, 0.0, sample.valid) if self.fault.is_reported else sample.valid
         return Sample(where(is_lost, last, sample.reading), valid)
 
 
@@ -176,8 +178,8 @@ def first_reading(
     # A sensor that freezes from the beginning repeats its first reading.
     if structure.fault is not None and fault is not None and structure.fault.is_reported:
         sample = structure.faulty(sample, zero_reading, fault, dropout, time)
-    reading = where(sample.valid, sample.reading, zero_reading) if structure.can_miss else sample.reading
-    valid = Valid(where(sample.valid, 1.0, 0.0))
+    reading = where(sample.valid > 0.5, sample.reading, zero_reading) if structure.can_miss else sample.reading
+    valid = Valid(sample.valid)
     return reading, (reading,) * structure.longest_latency, valid, (valid,) * structure.longest_latency, memory
 
 
@@ -217,12 +219,12 @@ def next_reading(
         return *delay_line_step(sample.reading, in_transit, parameters.latency_samples), None, (), memory
     last = latest_sample(out, in_transit)
     if law.can_miss:
-        sample = Sample(where(sample.valid, sample.reading, last), sample.valid)
+        sample = Sample(where(sample.valid > 0.5, sample.reading, last), sample.valid)
     if fault is not None:
         sample = structure.faulty(sample, last, fault, dropout, time)
     return (
         *delay_line_step(sample.reading, in_transit, parameters.latency_samples),
-        *delay_line_step(Valid(where(sample.valid, 1.0, 0.0)), valid_in_transit, parameters.latency_samples),
+        *delay_line_step(Valid(sample.valid), valid_in_transit, parameters.latency_samples),
         memory,
     )
 

@@ -156,6 +156,12 @@ def test_a_reading_that_a_law_misses_is_not_valid_when_the_sensor_is_frozen():
     np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0] * 5 + [1] * 5)
 
 
+def test_a_reading_is_missing_if_either_the_law_or_a_fault_misses_it():
+    flight = flown(clock(HALF_CLOCK, FAILED, SensorFault(0.65, 0.85, 1.0)))
+    np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [0.5, 0.6, 0.6, 0.6, 0.9], atol=1e-12)
+    np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0, 0, 0, 0, 0, 1, 1, 0, 0, 1])
+
+
 def test_readings_drop_out_with_their_probability_from_the_start_of_the_fault():
     """Each vehicle loses other readings. A lost reading repeats the previous one."""
     rate, vehicles = np.array([0.2] * 40 + [0.5] * 40), 80
