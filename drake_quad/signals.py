@@ -253,6 +253,12 @@ class CrashTime(NamedTuple):
     crash_time: Time
 
 
+class Valid(NamedTuple):
+    """Validity of a sensor's reading: 1 if the reading is new, 0 if it is missing and the previous one repeats."""
+
+    valid: Number
+
+
 # Signals of a fuzzy neural network have one row per rule, per axis, or per parameter of a membership function. Rows for
 # rules are ordered by axis: all rules of the first axis precede all rules of the second.
 Firing = tuple[Number, ...]
@@ -287,6 +293,12 @@ class Signals(dict[str, Any]):
 def sensor_port_name(kind: str, number: int) -> str:
     """Return the port name of the n-th sensor of a type: `accelerometer`, `accelerometer_2`, and so on."""
     return kind if number == 1 else f"{kind}_{number}"
+
+
+def valid_signal(name: str) -> str:
+    """Return the port name of a sensor's validity: `gnss_valid` for `gnss`, `gnss_valid_2` for `gnss_2`, and so on."""
+    kind = _without_number(name)
+    return f"{kind}_valid{name.removeprefix(kind)}"
 
 
 def _without_number(name: object) -> str:

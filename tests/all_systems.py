@@ -70,6 +70,7 @@ from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.symbols import Matrix
+from drake_quad.geometry.axes import BodyAxes, Vector
 from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.laboratory.command_link import CommandLink, LinkParameters
 from drake_quad.laboratory.flight_monitor import FlightMonitor
@@ -81,7 +82,46 @@ from drake_quad.laboratory.sensors.accelerometer import (
     SensorPosition,
     SpecificForce,
 )
-from drake_quad.laboratory.sensors.sensor import Sensor, build_sensors
+from drake_quad.laboratory.sensors.barometer import (
+    BAROMETER,
+    BarometerErrors,
+    BarometerParameters,
+    GroundPressure,
+    HeightDrift,
+)
+from drake_quad.laboratory.sensors.gauss_markov import Correlation
+from drake_quad.laboratory.sensors.gnss import (
+    GNSS,
+    GnssErrors,
+    GnssParameters,
+    Multipath,
+    PositionDeviation,
+    PositionDrift,
+    VelocityDeviation,
+)
+from drake_quad.laboratory.sensors.gyroscope import GYROSCOPE, GyroscopeParameters
+from drake_quad.laboratory.sensors.inertial import BiasInstability, InertialErrors, LowPass, WarmUp
+from drake_quad.laboratory.sensors.magnetometer import (
+    MAGNETOMETER,
+    EarthField,
+    MagneticField,
+    MagnetometerErrors,
+    MagnetometerParameters,
+    MotorInterference,
+    SoftIron,
+)
+from drake_quad.laboratory.sensors.optical_flow import OPTICAL_FLOW, OpticalFlowParameters
+from drake_quad.laboratory.sensors.range_finder import RANGE_FINDER, RangeFinderParameters
+from drake_quad.laboratory.sensors.sensor import (
+    FaultKind,
+    FaultySensor,
+    Sensor,
+    SensorFault,
+    build_sensors,
+    error_names,
+)
+from drake_quad.laboratory.sensors.uwb_range import UWB_RANGE, Anchor, Outliers, UwbErrors, UwbParameters
+from drake_quad.laboratory.sensors.vibration import Responses, RotorAngles, Vibration
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceParameters
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
@@ -353,6 +393,83 @@ ACCELEROMETER_PARAMETERS = AccelerometerParameters(
     SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0
 )
 ACCELEROMETER_STRUCTURE = {"name": "accelerometer", "law": ACCELEROMETER}
+VIBRATION = Vibration(
+    tuple(
+        Responses(*(Vector(*(1e-6 * (3.0 * i + j + k + 0.5) for k in range(3))) for j in range(3))) for i in range(4)
+    ),
+    (0.11, 0.12, 0.13),
+    RotorAngles(0.4, 1.4, 2.4, 2.9),
+    0.01,
+)
+INERTIAL_ERRORS = InertialErrors(
+    scale_error=Vector(0.01, 0.02, -0.03),
+    misalignment=BodyAxes.of(0.021, -0.034, 0.055),
+    bandwidth=LowPass.of(61.0, 0.01),
+    bias_instability=BiasInstability(0.071, Correlation.of(0.9, 0.01)),
+    bias_random_walk=0.013,
+    temperature_coefficient=WarmUp(Vector(0.31, -0.22, 0.17), 0.19),
+    vibration=VIBRATION,
+    full_scale=8.6,
+    resolution=1.7e-3,
+)
+FAULTY_ACCELEROMETER = FaultySensor(
+    ACCELEROMETER_PARAMETERS._replace(errors=INERTIAL_ERRORS), SensorFault(0.015, 0.055, 0.6)
+)
+FAULTY_ACCELEROMETER_STRUCTURE = {
+    **ACCELEROMETER_STRUCTURE,
+    "noisy": True,
+    "errors": InertialErrors._fields,
+    "fault": FaultKind(is_reported=True, is_random=True),
+}
+SENSOR_POSITION = SensorPosition(0.04, -0.03, 0.06)
+OTHER_SENSORS = {
+    "gyroscope": (GYROSCOPE, GyroscopeParameters(BodyRates(0.02, -0.01, 0.03), 0.07, 1.0, INERTIAL_ERRORS)),
+    "barometer": (
+        BAROMETER,
+        BarometerParameters(
+            SENSOR_POSITION,
+            0.21,
+            0.31,
+            1.0,
+            BarometerErrors(HeightDrift(0.41, Correlation.of(0.7, 0.01)), 0.0123, GroundPressure(0.51, 0.61)),
+        ),
+    ),
+    "magnetometer": (
+        MAGNETOMETER,
+        MagnetometerParameters(
+            EarthField(0.2, 0.3, -0.4),
+            MagneticField(0.011, 0.012, 0.013),
+            0.05,
+            1.0,
+            MagnetometerErrors(
+                SoftIron(0.021, -0.022, 0.023, 0.024, 0.025, -0.026),
+                MotorInterference(Vector(0.031, 0.032, 0.033), (0.34, 0.35, 0.36, 0.37)),
+            ),
+        ),
+    ),
+    "gnss": (
+        GNSS,
+        GnssParameters(
+            SENSOR_POSITION,
+            PositionDeviation(0.11, 0.12, 0.13),
+            VelocityDeviation(0.014, 0.015, 0.016),
+            1.0,
+            GnssErrors(
+                PositionDrift(PositionDeviation(0.21, 0.22, 0.23), Correlation.of(0.8, 0.01)),
+                Multipath(PositionDeviation(0.31, 0.32, 0.33), 0.5),
+            ),
+        ),
+    ),
+    "range_finder": (RANGE_FINDER, RangeFinderParameters(SENSOR_POSITION, 0.07, 0.25, 0.95, 0.02, 0.08, 0.09, 1.0)),
+    "optical_flow": (
+        OPTICAL_FLOW,
+        OpticalFlowParameters(SENSOR_POSITION, 0.07, 0.25, 0.95, 1.6, 0.08, 0.09, 1.0),
+    ),
+    "uwb_range": (
+        UWB_RANGE,
+        UwbParameters(Anchor(1.1, -0.9, 2.1), SENSOR_POSITION, 2.3, 0.08, 0.09, 1.0, UwbErrors(Outliers(0.5, 0.41))),
+    ),
+}
 LOSSY_LINK = {"longest_delay": 3, "loses_packets": True}
 
 
@@ -573,7 +690,9 @@ FLEET_SYSTEMS = [
         ACCELEROMETER_PARAMETERS,
         {**ACCELEROMETER_STRUCTURE, "noisy": True, "longest_latency": 2},
         num_vehicles=2,
+        has_all_ports=False,
     ),
+    Example(Sensor, FAULTY_ACCELEROMETER, {**FAULTY_ACCELEROMETER_STRUCTURE, "longest_latency": 2}, num_vehicles=2),
     Example(Sensor, ACCELEROMETER_PARAMETERS, ACCELEROMETER_STRUCTURE, has_all_ports=False),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(
@@ -613,6 +732,25 @@ FLEET_SYSTEMS = [
         has_all_ports=False,
     ),
 ]
+
+
+SENSOR_EXAMPLES = [
+    Example(
+        Sensor,
+        parameters,
+        {
+            "name": name,
+            "law": law,
+            "noisy": True,
+            "longest_latency": 1,
+            "errors": error_names(parameters),
+        },
+        num_vehicles=2,
+        has_all_ports=False,
+    )
+    for name, (law, parameters) in OTHER_SENSORS.items()
+]
+"""Examples of all kinds of sensors except for the accelerometer, with all errors."""
 
 
 def _policy_control() -> Any:
@@ -665,12 +803,10 @@ def _wind() -> Any:
 
 def _sensors() -> Any:
     sensors = {
-        "accelerometer": Sensor(
-            num_vehicles=2, **ACCELEROMETER_STRUCTURE, noisy=True, parameters=ACCELEROMETER_PARAMETERS
-        )
+        "accelerometer": Sensor(num_vehicles=2, **FAULTY_ACCELEROMETER_STRUCTURE, parameters=FAULTY_ACCELEROMETER)
     }
     streams = random_streams(sensors, StreamKind.NOISE)
-    return build_sensors(sensors, streams=streams, available=ACCELEROMETER.reads)
+    return build_sensors(sensors, streams=streams, available=[*ACCELEROMETER.reads, "rotor_speed"])
 
 
 def _laboratory() -> Any:

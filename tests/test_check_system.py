@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from all_systems import FLEET_SYSTEMS
+from all_systems import FLEET_SYSTEMS, SENSOR_EXAMPLES
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from drake_quad.framework.broadcast import Broadcast
@@ -22,7 +22,7 @@ ALL_RULES = ("names", "ports", "context", "vehicles", "numbers", "derivatives", 
 UNCHECKED_SYSTEMS = (Broadcast, NoiseSource)
 EXAMPLES = [
     example
-    for example in FLEET_SYSTEMS
+    for example in [*FLEET_SYSTEMS, *SENSOR_EXAMPLES]
     if example.system not in UNCHECKED_SYSTEMS and not any(np.ndim(number) for number in example.flat_parameters)
 ]
 

@@ -127,7 +127,7 @@ def register_controller(system: Any) -> str:
     settings: Any = RegisteredControl if role == "control" else RegisteredPositionController
     for num_vehicles in (1, 2) if _takes_number(system) else (1,):
         user_systems = UserSystems(**{role: _built(system, num_vehicles)})
-        check_user_systems(user_systems, num_vehicles, command=command, sensors=SENSORS.members)
+        check_user_systems(user_systems, num_vehicles, command=command, sensors=SENSORS.signals)
     parameters = _default_parameters(system)
     fields = {} if parameters is None else parameters._asdict()
     annotations: dict[str, Any] = {"kind": Literal[kind], "system": ClassVar[type], **dict.fromkeys(fields, Number)}

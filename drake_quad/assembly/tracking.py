@@ -70,7 +70,7 @@ def build_fleet_diagram(
     scenario, num_vehicles = batch.scenario, len(batch)
     command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
     check_user_systems(
-        user_systems, num_vehicles, command=command, rows=rows, sensors=scenario.laboratory.named_sensors
+        user_systems, num_vehicles, command=command, rows=rows, sensors=scenario.laboratory.sensor_signals
     )
     if scenario.control.lacks_policy() and not open_action and user_systems.policy is None:
         raise InputError(f"control.policy of {scenario.name} is missing; give the file of a network")

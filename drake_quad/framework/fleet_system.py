@@ -351,11 +351,11 @@ class FleetSystem(_Base):
 
         Args:
             name: name of the port.
-            kind: type of the record at the port.
+            kind: type of the record at the port, or its layout.
             distribution: distribution of each row.
             period: period at which the system uses new random numbers, s.
         """
-        layout = layout_of(kind)
+        layout = kind if isinstance(kind, Layout) else layout_of(kind)
         index = self.DeclareVectorInputPort(name, self._model(layout), distribution).get_index()
         self.random_inputs[name] = RandomInput(layout.num_rows, distribution, period)
         return Input(name, index, layout, REQUIRED)

@@ -55,7 +55,7 @@ def build_laboratory(
     `rotor_speed_command` for motors that are commanded by throttles. A slung load adds the output `swing`, and a
     battery adds `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench,
     and the wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the
-    sensor.
+    sensor, and a second one for the validity if its readings can be missing.
 
     .. pydrake_system::
 
@@ -82,8 +82,9 @@ def build_laboratory(
         autopilot: system from `attitude_target`, and optionally `state`, to `wrench`; None if the link transmits a
             wrench.
         wind: wind sources by name, each with one output port and optionally the input port `state`.
-        sensors: sensors by name, each with one output port. The input ports of a sensor have the names of the signals
-            that it measures: an output port of the vehicle, `wind`, the rotor speed or throttle command, or `wrench`.
+        sensors: sensors by name, with the output ports of a `Sensor`. The input ports of a sensor have the names of the
+            signals that it measures: an output port of the vehicle, `wind`, the rotor speed or throttle command, or
+            `wrench`.
         samples: samples of a study, which determine the noise; None to connect the random input ports to Drake's random
             sources; `ExportedRandomNumbers` to make these ports input ports of the diagram.
     """
@@ -135,8 +136,9 @@ def build_laboratory(
     builder.ExportOutput(wind_port, "wind")
     if autopilot is not None:
         builder.ExportOutput(sources["wrench"], "wrench")
-    for name in sensors:
-        builder.ExportOutput(on_board.GetOutputPort(name), name)
+    if sensors:
+        for port in map(on_board.get_output_port, range(on_board.num_output_ports())):
+            builder.ExportOutput(port, port.get_name())
     return build(builder, "laboratory")
 
 

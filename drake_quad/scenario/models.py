@@ -74,7 +74,7 @@ from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.sensors.sensor import SENSORS, AnySensor, SensorSettings
 from drake_quad.scenario.space import SpaceSettings
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
-from drake_quad.signals import sensor_port_name
+from drake_quad.signals import sensor_port_name, valid_signal
 from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.attitude_response import ATTITUDE_RESPONSE_EFFECTS
@@ -325,6 +325,12 @@ class Laboratory(Model):
             sensor_port_name(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor
             for i, sensor in enumerate(self.sensors)
         }
+
+    @property
+    def sensor_signals(self) -> list[str]:
+        """Names of the signals of all sensors: readings, and validities of readings that can be missing."""
+        sensors = self.named_sensors
+        return [*sensors, *(valid_signal(name) for name, sensor in sensors.items() if sensor.can_miss)]
 
 
 # Pattern for the name of an additional metric.

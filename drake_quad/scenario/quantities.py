@@ -161,12 +161,14 @@ def can_differ_from_zero(value: NumberOrDistribution) -> bool:
 
 
 def any_nonzero(settings: Any, drawn: Any) -> bool:
-    """Return whether a quantity or an item of it can differ from zero.
+    """Return whether a quantity or an item of it can differ from zero; a mapping counts as different from zero.
 
     Args:
-        settings: quantity or tuple of quantities in a scenario.
+        settings: quantity, tuple of quantities or mapping in a scenario; None if it is not given.
         drawn: the same quantity in the `Batch.fleet_scenario`.
     """
+    if settings is None:
+        return False
     if isinstance(settings, tuple):
         return any(map(any_nonzero, settings, drawn))
     return can_differ_from_zero(settings) or bool(np.any(np.not_equal(drawn, 0.0)))

@@ -26,8 +26,25 @@ GUST = {"kind": "gust", "velocity": [2.0, 1.0, 0.0], "start": 0.1, "rise_time": 
 ZERO_GUST = GUST | {"velocity": [0.0, 0.0, 0.0]}
 WITH_DRAG = {"vehicle.linear_drag": 0.2, "vehicle.body_drag.linear": [0.1, 0.2, 0.3]}
 
+
 # Each case: scenario, its overrides, path and value of a setting that has no effect, and the reason in the remark.
+def with_sensor(kind, **settings):
+    """Return an override that adds a sensor."""
+    return {"laboratory.sensors": [{"kind": kind, **settings}]}
+
+
 INACTIVE_CASES = [
+    ("hover", with_sensor("gnss"), "laboratory.sensors.0.drift_time", 3.0, "position_drift is [0, 0, 0]"),
+    ("hover", with_sensor("gyroscope"), "laboratory.sensors.0.vibration", {"unbalance": [0.0] * 4}, "are zero"),
+    ("hover", with_sensor("barometer"), "laboratory.sensors.0.ground_effect_length", 0.7, "ground_effect is 0"),
+    ("hover", with_sensor("uwb_range"), "laboratory.sensors.0.outlier_size", 0.7, "outlier_rate is 0"),
+    (
+        "hover",
+        with_sensor("gyroscope", fault={"kind": "failed"}),
+        "laboratory.sensors.0.fault.time",
+        300.0,
+        "before 300 s",
+    ),
     ("hover", {}, "laboratory.wind", [GUST], "the vehicle has no drag: vehicle.linear_drag, vehicle.quadratic_drag"),
     ("hover", WITH_DRAG, "laboratory.wind", [ZERO_GUST], "laboratory.wind.0.velocity is [0, 0, 0]"),
     ("hover", WITH_DRAG, "laboratory.wind", [GUST | {"start": 1.5}], "the flight ends at 0.50 s, before 1.5 s"),

@@ -1,5 +1,6 @@
 """Tests of sensors in scenarios: their attributes, and flights with shipped and user-defined sensors."""
 
+import json
 import pickle
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -14,13 +15,14 @@ from drake_quad.flight.formats.mcap_file import flight_messages, flight_topics
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerParameters, SpecificForce
-from drake_quad.laboratory.sensors.sensor import SensorLaw
+from drake_quad.laboratory.sensors.sensor import SensorLaw, with_errors
 from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
-from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, sensor_port_name
+from drake_quad.signals import SIGNALS, BodyRates, Charge, Number, Quantity, Row, State, Wind, sensor_port_name
 
 SENSORS_OVERRIDE = (
     "laboratory.sensors=[{kind: accelerometer, position: [0.05, -0.03, 0.02], latency_samples: {choice: [0, 1, 3]},"
@@ -71,7 +73,9 @@ def check_member(kind, name):
     """Assert that the system of a sensor has the ports and the noise that its settings declare."""
     vehicle = load_scenario("hover").vehicle
     exact = kind.model_validate({"kind": name})
-    imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
+    defaults = {field: kind.model_fields[field].default for field in kind.noise}
+    noise = {field: [0.5] * len(value) if isinstance(value, tuple) else 0.5 for field, value in defaults.items()}
+    imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | noise)
     for sensor, noisy in ((exact, False), (imperfect, True)):
         system = sensor.recipe(sensor, vehicle).build(2)
         assert [*system.random_inputs] == ["noise"] * noisy
@@ -80,7 +84,10 @@ def check_member(kind, name):
         assert system.num_input_ports() == len(kind.law.reads) + noisy
         for i in range(len(kind.law.reads)):
             assert system.get_input_port(i).get_name() == kind.law.reads[i]
-    assert len(system.states) == 2
+        assert system.HasOutputPort(f"{name}_valid") == kind.law.can_miss
+        assert system.num_output_ports() == 1 + kind.law.can_miss
+    in_transit = {f"{name}_in_transit", *([f"{name}_valid", f"{name}_valid_in_transit"] if kind.law.can_miss else [])}
+    assert system.states.keys() - {"memory"} == {name, *in_transit}
 
 
 @pytest.mark.parametrize("name", SENSORS.members)
@@ -131,6 +138,87 @@ def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
             np.testing.assert_array_equal(flight[name][1:], expected[name][1:], err_msg=name)
 
 
+# Each kind of sensor with all its errors, and each kind of fault. The parameters of some errors are random.
+EVERY_SENSOR = [
+    {
+        "kind": "accelerometer",
+        "period": 0.02,  # that of the recorded ticks
+        "noise_density": 0.003,
+        "bias_instability": 0.02,
+        "bias_time": 0.3,
+        "bias_random_walk": {"uniform": {"min": 0.01, "max": 0.02}},
+        "scale_error": [0.01, -0.02, 0.03],
+        "misalignment": [0.02, -0.03, 0.04],
+        "bandwidth": 150.0,
+        "temperature_coefficient": [0.01, 0.02, -0.01],
+        "warm_up_rise": 10.0,
+        "warm_up_time": 0.3,
+        "full_scale": 9.9,
+        "resolution": 0.0048,
+        "position": [0.05, -0.03, 0.02],
+        "vibration": {
+            "unbalance": [1e-6, {"uniform": {"min": 1e-6, "max": 3e-6}}, 2e-6, 3e-6],
+            "thrust_harmonics": [0.0, 0.01],
+            "initial_phases": [0.1, 0.7, 1.9, 2.6],
+        },
+        "fault": {"kind": "dropout", "probability": 0.2},
+    },
+    {
+        "kind": "gyroscope",
+        "noise_density": 1e-4,
+        "bias": [{"uniform": {"min": -0.01, "max": 0.01}}, 0.01, 0.0],
+        "bias_instability": 1e-3,
+        "vibration": {"unbalance": [2e-6, 1e-6, 3e-6, 2e-6]},
+        "fault": {"kind": "frozen", "time": 0.35, "duration": 0.1},
+    },
+    {
+        "kind": "barometer",
+        "height_noise": 0.1,
+        "drift": 0.3,
+        "dynamic_pressure": 0.4,
+        "ground_effect": 1.5,
+        "latency_samples": 1,
+    },
+    {
+        "kind": "magnetometer",
+        "field_noise": 1e-7,
+        "hard_iron": [1e-6, 2e-6, -1e-6],
+        "soft_iron": [0.01, 0.02, 0.03, -0.01, 0.02, 0.01],
+        "motor_interference": [1e-5, 0.0, 2e-5],
+        "fault": {"kind": "dropout", "probability": {"choice": [0.1, 0.3]}, "time": 0.1},
+    },
+    {
+        "kind": "gnss",
+        "period": 0.04,
+        "position_noise": [0.1, 0.1, 0.2],
+        "velocity_noise": [0.05, 0.05, 0.1],
+        "position_drift": [1.0, 1.0, 2.0],
+        "multipath": [1.0, 1.0, 2.0],
+        "multipath_time": 0.1,
+        "latency_samples": 2,
+        "fault": {"kind": "failed", "time": {"uniform": {"min": 0.1, "max": 0.3}}},
+    },
+    {"kind": "range_finder", "distance_noise": 0.01, "relative_noise": 0.01, "max_distance": 1.01},
+    {"kind": "optical_flow", "flow_noise": 0.01, "scale_error": 0.05, "position": [0.02, 0.0, 0.0]},
+    {"kind": "uwb_range", "anchor": [3.0, 0.0, 0.5], "distance_noise": 0.05, "outlier_rate": 0.2, "outlier_size": 0.5},
+    {"kind": "uwb_range", "anchor": [0.0, 3.0, 0.5], "max_distance": 2.5},
+]
+
+
+@pytest.mark.slow
+def test_readings_of_all_kinds_of_sensors_agree_in_wired_compiled_and_fleet_flights(asymmetric):
+    sensors = f"laboratory.sensors={json.dumps(EVERY_SENSOR)}"
+    drawn = asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.5", sensors)
+    flights = assert_flown_alike(Batch.draw(drawn, range(3)))
+    (alone,) = simulate_samples(drawn, [2])
+    assert {*drawn.laboratory.sensor_signals} <= alone.keys()
+    for name, values in alone.items():
+        np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
+    valid = flights[2]["accelerometer_valid"][:, 0]
+    assert 0.5 < valid.mean() < 1.0
+    np.testing.assert_array_equal(np.diff(flights[2]["accelerometer"][:, 0])[valid[1:] == 0.0], 0.0)
+
+
 @pytest.mark.long
 def test_sensors_do_not_change_the_flight(asymmetric):
     """Motion and random numbers are bit-identical. The file of a scenario without sensors does not mention them."""
@@ -159,6 +247,8 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
         "period": 0.01,
         "noisy": True,
         "longest_latency": 3,
+        "errors": (),
+        "fault": None,
     }
     parameters = first.parameters
     np.testing.assert_allclose(parameters.position, [0.05 + 0.0003, -0.03 - 0.0008, 0.02], rtol=1e-12)
@@ -174,7 +264,7 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
         recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
         assert recipe.structure["noisy"] == noisy
     default = AccelerometerSettings(kind="accelerometer")
-    assert default.parameters(load_scenario("hover").vehicle) == AccelerometerParameters()
+    assert with_errors(default.parameters(load_scenario("hover").vehicle), ()) == AccelerometerParameters()
 
 
 def hover(*sensors, **fields):
@@ -259,6 +349,9 @@ def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
         ("period: 0.005", "time_step is 0.01.*, but must not be .*, 0.005 s of laboratory.sensors.0.period"),
         ("noise_density: -0.1", "laboratory.sensors.0.noise_density is -0.1, but must be at least 0"),
         ("latency_samples: 0.5", "laboratory.sensors.0.latency_samples is 0.5, but must be a whole number"),
+        ("fault: {kind: dropout, probability: 2}", "fault.probability is 2, but must be at least 0 and at most 1"),
+        ("fault: {kind: broken}", "laboratory.sensors.0.fault.kind is 'broken', but must be"),
+        ("vibration: {unbalance: [1.0, 0]}", "laboratory.sensors.0.vibration.unbalance"),
     ],
 )
 def test_a_sensor_with_invalid_settings_is_refused(sensor, words):
@@ -269,9 +362,27 @@ def test_a_sensor_with_invalid_settings_is_refused(sensor, words):
 @pytest.mark.slow
 def test_sensors_do_not_change_linear_models():
     """No built-in control reads sensors, and slow sensors do not lengthen the period of a linear model."""
-    plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
+    sensors = {"kind": "accelerometer", "period": 0.08}, {"kind": "gyroscope", "bias_instability": 0.01}
+    plain, sensing = closed_loop(hover()).system, closed_loop(hover(*sensors)).system
     np.testing.assert_array_equal(sensing.A, plain.A)
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
+
+
+@pytest.mark.parametrize("layer", [name for name in shipped_scenarios() if name.startswith("sensors/")])
+def test_shipped_sensors_measure_hover_within_the_errors_of_their_data_sheets(layer):
+    """The flight is a sample, so the biases of a layer are drawn. White noise is below six standard deviations."""
+    flight = simulate(load_scenario("hover", ["duration=0.4", "sample=1"], layers=[layer]))
+    assert {"gyroscope", "accelerometer"} <= {*flight.scenario.laboratory.named_sensors}
+    rates, force = flight.record("gyroscope"), flight.record("accelerometer")
+    assert np.abs(rates).max() < 6.0 * 0.0044 + 6.0 * 0.005
+    assert np.ptp(rates.p) > 0.0
+    np.testing.assert_allclose(np.array(force).mean(axis=1), [0.0, 0.0, 9.81], atol=0.05)
+    for name in flight.scenario.laboratory.sensor_signals:
+        if name.endswith("_valid"):
+            assert flight[name].all()
+    if "barometer" in flight.signals:
+        assert np.abs(flight.record("barometer").height - 1.0).max() < 6.0 * 0.33
+        np.testing.assert_allclose(flight.record("range_finder").distance, 1.0, atol=0.02)
 
 
 class SpecificForceControl(LeafSystem):
@@ -296,6 +407,31 @@ def test_a_user_s_control_can_read_sensors():
         InputError, match="control has the input port `accelerometer_2`, but may only have .*accelerometer`"
     ):
         simulate(hover({"kind": "accelerometer"}), control=SpecificForceControl())
+
+
+@pytest.mark.slow
+def test_environments_provide_the_validity_and_the_readings_of_any_sensor():
+    steps = []
+    envs = QuadrotorVectorEnv(
+        "hover",
+        {
+            "laboratory.sensors": [
+                {"kind": "gyroscope", "noise_density": 1e-4, "vibration": {"unbalance": [1e-6, 0, 0, 0]}},
+                {"kind": "gnss", "fault": {"kind": "failed"}},
+            ]
+        },
+        num_envs=2,
+        action="rates",
+        signals=["gyroscope", "gnss", "gnss_valid"],
+        reward=lambda step: steps.append(step.signals) or np.zeros(2),
+    )
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 4)))
+    (signals,) = steps
+    assert isinstance(signals["gyroscope"], BodyRates)
+    assert (signals["gyroscope"].p != 0.0).all()
+    assert not signals["gnss_valid"].valid.any()
+    assert not signals["gnss"].z.any()
 
 
 @pytest.mark.slow

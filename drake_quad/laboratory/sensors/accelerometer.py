@@ -8,14 +8,25 @@ with the acceleration a of the origin of B, the body rates ω, the position r of
 normal n (D. H. Titterton and J. L. Weston, "Strapdown Inertial Navigation Technology", 2nd edition, 2004, chapter 3).
 The reading is g upwards at rest, and zero in free fall. At the centre of mass of a quadrotor without drag, it
 contains only the thrust, at any tilt (P. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor
-control", ICRA 2010).
+control", ICRA 2010). `drake_quad.laboratory.sensors.inertial` describes further errors.
 """
 
 from typing import Annotated, NamedTuple
 
 from drake_quad.geometry.axes import BodyAxes, Vector, cross, plus
-from drake_quad.laboratory.sensors.sensor import SensorLaw
-from drake_quad.signals import AccelerationB, Number, Quantity, Row, State, VehicleAcceleration
+from drake_quad.laboratory.sensors.inertial import (
+    InertialErrors,
+    InertialMemory,
+    InertialNoise,
+    first_memory,
+    inertial_noise,
+    next_memory,
+    with_inertial_errors,
+)
+from drake_quad.laboratory.sensors.mounting import SensorPosition
+from drake_quad.laboratory.sensors.sensor import SensorLaw, SensorMemory
+from drake_quad.laboratory.sensors.vibration import vibration_force
+from drake_quad.signals import AccelerationB, Number, Quantity, RotorSpeed, Row, State, VehicleAcceleration
 
 
 class SpecificForce(NamedTuple):
@@ -24,14 +35,6 @@ class SpecificForce(NamedTuple):
     x: AccelerationB
     y: AccelerationB
     z: AccelerationB
-
-
-class SensorPosition(NamedTuple):
-    """Position of a sensor relative to the centre of mass."""
-
-    x: Annotated[Row, Quantity("m", "B")] = 0.0
-    y: Annotated[Row, Quantity("m", "B")] = 0.0
-    z: Annotated[Row, Quantity("m", "B")] = 0.0
 
 
 class AccelerometerParameters(NamedTuple):
@@ -43,6 +46,7 @@ class AccelerometerParameters(NamedTuple):
         bias: constant error of the readings.
         noise: standard deviation of the noise of a reading on each axis.
         latency_samples: latency, a whole number of periods.
+        errors: errors that can be switched off.
     """
 
     position: SensorPosition = SensorPosition()
@@ -50,6 +54,7 @@ class AccelerometerParameters(NamedTuple):
     bias: SpecificForce = SpecificForce(0.0, 0.0, 0.0)
     noise: Annotated[Row, Quantity("m/s²", sign="nonnegative")] = 0.0
     latency_samples: Number = 0.0
+    errors: InertialErrors = InertialErrors()
 
 
 def specific_force(
@@ -63,16 +68,55 @@ def specific_force(
     return plus(at_centre, plus(cross(angular_acceleration, position), cross(rates, cross(rates, position))))
 
 
-def accelerometer_reading(
-    parameters: AccelerometerParameters, noise: SpecificForce | None, state: State, acceleration: VehicleAcceleration
-) -> SpecificForce:
-    """Return a reading of an accelerometer with bias, and with noise unless `noise` is None."""
+def first_accelerometer_memory(
+    parameters: AccelerometerParameters,
+    noise: InertialNoise | None,
+    state: State,
+    acceleration: VehicleAcceleration,
+    rotor_speed: RotorSpeed | None,
+) -> InertialMemory:
+    """Return the memory at the first reading."""
     force = specific_force(state, acceleration, parameters.position, parameters.gravity)
-    components = [true + bias for true, bias in zip(force, parameters.bias, strict=True)]
-    if noise is not None:
-        components = [value + parameters.noise * number for value, number in zip(components, noise, strict=True)]
-    return SpecificForce(*components)
+    return first_memory(parameters.errors, noise, force, rotor_speed)
 
 
-ACCELEROMETER = SensorLaw(SpecificForce, accelerometer_reading, ("state", "acceleration"))
-"""Measurement equation of an accelerometer."""
+def next_accelerometer_memory(
+    parameters: AccelerometerParameters,
+    noise: InertialNoise | None,
+    memory: InertialMemory,
+    state: State,
+    acceleration: VehicleAcceleration,
+    rotor_speed: RotorSpeed | None,
+) -> InertialMemory:
+    """Return the memory at the next reading."""
+    force = specific_force(state, acceleration, parameters.position, parameters.gravity)
+    return next_memory(parameters.errors, noise, memory, force, rotor_speed)
+
+
+def accelerometer_reading(
+    parameters: AccelerometerParameters,
+    noise: InertialNoise | None,
+    memory: InertialMemory,
+    state: State,
+    acceleration: VehicleAcceleration,
+    rotor_speed: RotorSpeed | None,
+) -> SpecificForce:
+    """Return a reading of an accelerometer, with noise unless `noise` is None."""
+    force = specific_force(state, acceleration, parameters.position, parameters.gravity)
+    vibration = None
+    if parameters.errors.vibration is not None and memory.phases is not None:
+        low_pass = parameters.errors.bandwidth
+        bandwidth = None if low_pass is None else low_pass.bandwidth
+        vibration = vibration_force(parameters.errors.vibration, memory.phases, bandwidth)
+    return SpecificForce(*with_inertial_errors(parameters, noise, memory, force, vibration))
+
+
+ACCELEROMETER = SensorLaw(
+    SpecificForce,
+    accelerometer_reading,
+    ("state", "acceleration"),
+    errors_that_read=(("vibration", "rotor_speed"),),
+    memory=SensorMemory(first_accelerometer_memory, next_accelerometer_memory),
+    noise=inertial_noise,
+)
+"""Measurement law of an accelerometer."""

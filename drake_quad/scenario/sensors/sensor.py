@@ -1,7 +1,8 @@
 """Base class of onboard sensors, and their registry `SENSORS`.
 
 To add a sensor, extend `SensorSettings` and register the class with `SENSORS.register`. The readings then form a signal
-named after the kind. The laboratory has a port with this name. The signal is recorded, and a control may read it.
+named after the kind. The laboratory has a port with this name. The signal is recorded, and a control may read it. If
+readings can be missing, their validity is a second signal, whose name ends with `_valid`.
 """
 
 from abc import abstractmethod
@@ -10,17 +11,21 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from pydantic import Field
 
 from drake_quad.framework.recipe import Recipe
-from drake_quad.laboratory.sensors.sensor import Sensor, SensorLaw
+from drake_quad.laboratory.sensors.sensor import FaultySensor, Sensor, SensorLaw, error_names
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import Period, Ticks, any_nonzero, max_ticks
+from drake_quad.scenario.sensors.fault import AnyFault
 from drake_quad.scenario.unions import OpenUnion
-from drake_quad.signals import SIGNALS
+from drake_quad.signals import SIGNALS, Valid, valid_signal
 
 _Member = TypeVar("_Member", bound=type[Model])
 
 
 class SensorSettings(Model):
     """Onboard sensor. In a fleet scenario, values that a study draws are (N,) arrays.
+
+    An error that can be switched off is a field of the parameters' record `errors`. It is switched on by the setting of
+    the same name: a number or an item that differs from zero, or a mapping.
 
     Attributes:
         law: measurement law of the sensor.
@@ -30,8 +35,14 @@ class SensorSettings(Model):
     kind: str
     period: Period = Field(default=0.01, description="time between readings (s)")
     latency_samples: Ticks = Field(default=0, description="delay from a reading to its arrival, in whole periods")
+    fault: AnyFault | None = Field(default=None, description="fault of the sensor; none if not given")
     law: ClassVar[SensorLaw]
     noise: ClassVar[tuple[str, ...]]
+
+    @property
+    def can_miss(self) -> bool:
+        """True if readings can be missing, so that their validity is a signal."""
+        return self.law.can_miss or self.fault is not None
 
     @abstractmethod
     def parameters(self, vehicle: Any) -> Any:
@@ -44,30 +55,45 @@ class SensorSettings(Model):
             fleet: sensor of a `Batch.fleet_scenario`.
             vehicle: vehicle of a `Batch.fleet_scenario`.
         """
+
+        def is_on(name: str) -> bool:
+            return any_nonzero(getattr(self, name), getattr(fleet, name))
+
+        parameters = fleet.parameters(vehicle)
         structure = {
             "name": self.kind,
             "law": self.law,
             "period": self.period,
-            "noisy": any(any_nonzero(getattr(self, name), getattr(fleet, name)) for name in self.noise),
+            "noisy": any(map(is_on, self.noise)),
             "longest_latency": max_ticks(self.latency_samples, fleet.latency_samples),
+            "errors": tuple(filter(is_on, error_names(parameters))),
+            "fault": None if self.fault is None else self.fault.effect,
         }
-        return Recipe(Sensor, structure, fleet.parameters(vehicle))
+        if self.fault is not None:
+            parameters = FaultySensor(parameters, fleet.fault.parameters())
+        return Recipe(Sensor, structure, parameters)
 
 
 class _SensorUnion(OpenUnion):
-    """Registry of sensors that also registers the readings of each sensor as a signal."""
+    """Registry of sensors that also registers the readings of each sensor, and their validity, as signals."""
 
     def register(self, model: _Member) -> _Member:
         """Register a sensor and its signal, as a decorator of the sensor class."""
         super().register(model)
         name = self._name_of(model)
         SIGNALS[name] = self.members[name].law.reading
+        SIGNALS[valid_signal(name)] = Valid
         return model
 
     def remove(self, name: str) -> None:
         """Remove a sensor and its signal."""
         super().remove(name)
-        del SIGNALS[name]
+        del SIGNALS[name], SIGNALS[valid_signal(name)]
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that sensors can have."""
+        return [each for name in self.members for each in (name, valid_signal(name))]
 
     def _name_of(self, model: type[Any]) -> str:
         name = super()._name_of(model)
