@@ -147,5 +147,5 @@ def test_data_sheets_in_units_of_g_and_degrees_are_questioned():
         (GyroscopeSettings, {"kind": "gyroscope", "noise_density": 0.014}),
     ):
         (name,) = field.keys() - {"kind"}
-        ranges = [each for each in settings.model_fields[name].metadata if hasattr(each, "question")]
-        assert any(each.question(field[name], 0.01) for each in ranges), name
+        ranges = [each for each in settings.model_fields[name].metadata if hasattr(each, "explain_implausibility")]
+        assert any(each.explain_implausibility(field[name], 0.01) for each in ranges), name
