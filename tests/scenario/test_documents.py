@@ -6,6 +6,7 @@ import pytest
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.files.documents import parse_document
+from drake_quad.scenario.limits import MAX_LEVELS
 
 
 def parsed(text):
@@ -84,3 +85,32 @@ def test_the_content_of_an_alias_counts_towards_the_limits():
     nested = "a0: &a0 [1]\n" + "".join(f"a{i + 1}: &a{i + 1} [*a{i}]\n" for i in range(60))
     with pytest.raises(InputError, match=r"^file.yaml:3\d: is nested too deeply"):
         parsed(nested)
+
+
+def nested(levels, content):
+    return "[" * levels + content + "]" * levels
+
+
+def test_a_document_counts_keys_and_values():
+    assert parse_document("a: 1", "file.yaml").nodes == 3
+    assert parse_document("", "file.yaml").nodes == 1
+    assert parse_document("a: &x [1, 2]\nb: *x", "file.yaml").nodes == 9
+
+
+def test_a_document_may_have_as_many_levels_as_the_limit():
+    assert parsed(nested(MAX_LEVELS - 1, "1"))
+    with pytest.raises(InputError, match="^file.yaml:1: is nested too deeply"):
+        parsed(nested(MAX_LEVELS, "1"))
+
+
+def test_an_alias_has_the_levels_of_its_own_content():
+    deep = MAX_LEVELS - 3
+    assert parsed(f"a: {nested(deep, '1')}\nb: &x [1]\nc: {nested(deep, '*x')}")
+    with pytest.raises(InputError, match="^file.yaml:2: is nested too deeply"):
+        parsed(f"a: &x [{nested(20, '1')}, 1]\nb: {nested(20, '*x')}")
+
+
+def test_errors_of_an_override_name_no_line():
+    for text in ("a: \x07", "a: [", "a: 1_0", "a: *x"):
+        with pytest.raises(InputError, match="^override: "):
+            parse_document(text, "override", with_line_numbers=False)
