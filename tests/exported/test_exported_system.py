@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context
 from drake_quad import InputError, load_scenario, register_controller
 from drake_quad.export.controller import export_controller
 from drake_quad.exported.description import DESCRIPTION_FILE, read_description
-from drake_quad.exported.machines import HostMachine
+from drake_quad.exported.machines import CROSS_COMPILER, HostMachine, compile_for_board, has_cross_compiler
 from drake_quad.exported.system import exported_controller
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -98,3 +98,27 @@ def test_a_missing_compiler_is_reported(folder, monkeypatch):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InputError, match="needs a C compiler"):
         HostMachine(folder)
+
+
+@pytest.mark.skipif(shutil.which(CROSS_COMPILER) is None, reason="no cross-compiler")
+def test_code_that_does_not_compile_for_a_core_is_reported_with_the_message_of_the_compiler(folder, tmp_path):
+    for file in folder.iterdir():
+        shutil.copy(file, tmp_path)
+    (tmp_path / "controller.c").write_text('#include "controller.h"\nint broken(')
+    with pytest.raises(InputError, match="cannot compile .*controller.c: .*error:"):
+        compile_for_board(tmp_path, "cortex-m4f", tmp_path / "program")
+
+
+def test_a_missing_cross_compiler_is_noticed(monkeypatch):
+    assert has_cross_compiler() == (shutil.which(CROSS_COMPILER) is not None)
+    monkeypatch.setenv("PATH", "")
+    assert not has_cross_compiler()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("signal", "expected"), [("state", True), ("measurement", False)])
+def test_a_controller_reads_the_true_state_if_its_code_has_this_input(tmp_path, signal, expected):
+    scenario = load_scenario("hover", layers=["controllers/raptor:raptor"] if expected else [])
+    export_controller(scenario, tmp_path)
+    assert signal in read_description(tmp_path).inputs
+    assert exported_controller(tmp_path)().reads_true_state == expected
