@@ -39,10 +39,11 @@ from drake_quad.scenario.paths import distributions_in, map_leaves
 
 _MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
 _OFFSET = 0.1  # m and rad, initial error of the flight that shows an instability
-_NUM_GROWTH_TIMES = 5.0  # duration of this flight, in times of growth by a factor of e
+# Duration of the flight that shows an instability, in times of growth by a factor of e, and limits of the duration, s.
+_NUM_GROWTH_TIMES = 5.0
 _MIN_FLIGHT_SECONDS = 20.0
 _MAX_FLIGHT_SECONDS = 300.0
-_LOST_FLIGHT_SECONDS = 10.0
+_NO_EQUILIBRIUM_SECONDS = 10.0  # duration of the flight without an equilibrium
 
 
 def options() -> argparse.ArgumentParser:
@@ -113,7 +114,7 @@ def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Sce
         flights.append(
             (
                 "no_equilibrium.yaml",
-                hovering_at(median, found.lost.values, duration=_LOST_FLIGHT_SECONDS),
+                hovering_at(median, found.lost.values, duration=_NO_EQUILIBRIUM_SECONDS),
                 [
                     f"to see a loop without an equilibrium, fly in hover at scale {found.lost.scale:.3g}:",
                     "a command or the rotors saturate, and the vehicle cannot stay at its reference",

@@ -37,7 +37,8 @@ from drake_quad.scenario.models import Scenario
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
 _GOAL = 0.95  # ratio of both bounds at which the division into cells ends
-_BELOW = 0.96  # size of the box of the bound, relative to the smallest scale of a failure; larger boxes need more cells
+# Size of the first box of the bound, relative to the smallest scale of a failure. Larger boxes need more cells.
+_FIRST_BOX_RATIO = 0.96
 _MAX_CELLS = 150  # largest number of cells
 _MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
 _NUM_CELLS_AT_ONCE = 16  # cells that are divided at the same time
@@ -254,7 +255,7 @@ class _Cell(NamedTuple):
 
 def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
     """Return the scale up to which all loops are proved to be stable, and the number of cells with a model."""
-    size = _BELOW * min(hover.reach, MAX_SCALE)
+    size = _FIRST_BOX_RATIO * min(hover.reach, MAX_SCALE)
     hover.straighten(size)
     new = [_Cell(part, -size * np.ones(len(part.ranges)), size * np.ones(len(part.ranges))) for part in hover.parts()]
     parents, num_cells, numbers = [0.0] * len(new), 0, count()

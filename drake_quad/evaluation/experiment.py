@@ -69,7 +69,7 @@ class EvaluationSizes(NamedTuple):
         delayed: number of samples for each additional delay.
         max_delay_frames: largest additional delay, in camera frames.
         duration: duration of a flight, s; None for the whole route.
-        certifies: True to certify the controllers, which takes minutes for each of them.
+        certifies: True to certify the controllers, which takes 20 to 80 s for each of them.
     """
 
     samples: int = 256
@@ -368,7 +368,7 @@ NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out i
 def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:
     """Return the scales between which hover becomes unstable, or the reason why there is no certificate.
 
-    Certificates are cached on the disk, since each takes minutes.
+    Certificates are cached on the disk, since each takes 20 to 80 s.
 
     Args:
         scenario: scenario with the controller.
