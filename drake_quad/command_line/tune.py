@@ -68,16 +68,16 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_from_arguments(arguments)
     print_flight_remarks([scenario])
     specs = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
-    knobs = [parse_tuning_parameter(text, scenario) for text in specs]
+    parameters = [parse_tuning_parameter(text, scenario) for text in specs]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
     folder = output_folder(resolve_output_folder(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
-    result = tune([scenario], knobs, limit.margin_ratios, budget=budget)
-    tuned = with_parameter_values(scenario, knobs, result.values)
+    result = tune([scenario], parameters, limit.margin_ratios, budget=budget)
+    tuned = with_parameter_values(scenario, parameters, result.values)
     file = write_atomically(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
     rows = [
-        (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
-        for knob, number in zip(knobs, result.values, strict=True)
+        (", ".join(parameter.paths), f"{value_at(scenario, parameter.paths[0]):.4g}", f"{number:.4g}")
+        for parameter, number in zip(parameters, result.values, strict=True)
     ]
     test_samples = range(budget.samples, budget.samples + _NUM_TEST_SAMPLES)
     rows.append(
@@ -109,12 +109,12 @@ def parse_tuning_parameter(text: str, scenario: Scenario) -> TuningParameter:
         return TuningParameter(paths, values[0] / _DEFAULT_RANGE_FACTOR, values[0] * _DEFAULT_RANGE_FACTOR)
     low, _, high = limits.partition(":")
     try:
-        knob = TuningParameter(paths, float(low), float(high))
+        parameter = TuningParameter(paths, float(low), float(high))
     except ValueError:
         raise InputError(f"--tune has the range {limits}; write it as LOW:HIGH with two numbers") from None
-    if not 0.0 < knob.low < knob.high:
+    if not 0.0 < parameter.low < parameter.high:
         raise InputError(f"--tune has the range {limits}, but LOW must be above 0 and HIGH above LOW")
-    return knob
+    return parameter
 
 
 def rmse_text(scenario: Scenario, samples: range) -> str:

@@ -111,7 +111,7 @@ class TuningResult(NamedTuple):
     """Result of a tuning.
 
     Attributes:
-        values: tuned values, in the order of the knobs.
+        values: tuned values, in the order of the parameters.
         error: mean RMSE on the training samples, where a crash counts as 1 to 2 m, m.
         min_margin_ratio: smallest ratio of a margin to its limit; 1 or more if all limits are met, infinite without
             limits.
@@ -124,7 +124,7 @@ class TuningResult(NamedTuple):
 
 def tune(
     scenarios: Sequence[Scenario],
-    knobs: Sequence[TuningParameter],
+    parameters: Sequence[TuningParameter],
     margin_ratios: Callable[[Scenario], np.ndarray] | None,
     *,
     budget: Budget = Budget(),
@@ -136,13 +136,13 @@ def tune(
 ) -> TuningResult:
     """Tune the parameters of a controller: first for the lateral axes, then for the vertical axis.
 
-    The two stages are almost independent. Each stage gets a number of rounds in proportion to its number of knobs.
+    The two stages are almost independent. Each stage gets a number of rounds in proportion to its number of parameters.
     During the first stage, the vertical parameters are held at the middle of their ranges.
 
     Args:
         scenarios: laboratories with the controller, whose present parameters are ignored. The limit is evaluated in the
             first laboratory.
-        knobs: parameters to tune, with their ranges.
+        parameters: parameters to tune, with their ranges.
         margin_ratios: function that returns how well the loops of a scenario meet the limits, such as
             `LoopLimit.margin_ratios`; None without a limit.
         budget: budget of the search.
@@ -158,20 +158,23 @@ def tune(
         The candidate with the smallest error of all that meet the limit; if none does, the candidate that comes closest
         to meeting it.
     """
-    numbers = [math.sqrt(knob.low * knob.high) for knob in knobs]
+    numbers = [math.sqrt(parameter.low * parameter.high) for parameter in parameters]
     best = TuningResult((), math.inf, 0.0)
     for stage in filter(
-        None, ([i for i, knob in enumerate(knobs) if knob.vertical is vertical] for vertical in (False, True))
+        None,
+        ([i for i, parameter in enumerate(parameters) if parameter.vertical is vertical] for vertical in (False, True)),
     ):
-        rounds = max(round(budget.rounds * len(stage) / len(knobs)), 1)
+        rounds = max(round(budget.rounds * len(stage) / len(parameters)), 1)
         search = _GainSearch(
-            [knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, extra_latency
+            [parameters[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, extra_latency
         )
-        best = search.run([with_parameter_values(each, knobs, numbers) for each in scenarios], margin_ratios, progress)
+        best = search.run(
+            [with_parameter_values(each, parameters, numbers) for each in scenarios], margin_ratios, progress
+        )
         for i, number in zip(stage, best.values, strict=True):
             numbers[i] = number
     best = best._replace(values=tuple(numbers))
-    trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, extra_latency)
+    trial = _Trial(scenarios, parameters, budget._replace(candidates=1), first_sample, extra_latency)
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
         fraction = math.inf if margin_ratios is None else float(margin_ratios(trial.scenario(point)).min())
@@ -221,7 +224,7 @@ def _local_search(
 class _GainSearch(NamedTuple):
     """Search by the cross-entropy method for several parameters at once."""
 
-    knobs: Sequence[TuningParameter]
+    parameters: Sequence[TuningParameter]
     budget: Budget
     first_sample: int
     seed: int
@@ -234,8 +237,8 @@ class _GainSearch(NamedTuple):
         progress: Callable[[], None] | None,
     ) -> TuningResult:
         """Return the best candidate; the arguments are as in `tune`."""
-        count, size = len(self.knobs), self.budget.candidates
-        trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.extra_latency)
+        count, size = len(self.parameters), self.budget.candidates
+        trial = _Trial(scenarios, self.parameters, self.budget, self.first_sample, self.extra_latency)
         # Coordinates of points are relative to the box and range from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
@@ -265,17 +268,17 @@ class _GainSearch(NamedTuple):
 
 
 class _Trial:
-    """Candidates, as points in the box of the knob ranges, and the fleets that simulate them."""
+    """Candidates, as points in the box of the parameter ranges, and the fleets that simulate them."""
 
     def __init__(
         self,
         scenarios: Sequence[Scenario],
-        knobs: Sequence[TuningParameter],
+        parameters: Sequence[TuningParameter],
         budget: Budget,
         first_sample: int,
         extra_latency: float,
     ) -> None:
-        self._scenarios, self._knobs = scenarios, knobs
+        self._scenarios, self._parameters = scenarios, parameters
         self._samples = _training_samples(budget, len(scenarios), first_sample)
         size = budget.candidates * len(self._samples)
         self._fleets = [StudyFleet(each, plan_route(each), size) for each in scenarios]
@@ -284,26 +287,30 @@ class _Trial:
             for each in scenarios
             if extra_latency
         ]
-        self._low, high = np.log([[knob.low, knob.high] for knob in knobs]).T
+        self._low, high = np.log([[parameter.low, parameter.high] for parameter in parameters]).T
         self._width = high - self._low
         self.min_deviation = _MIN_DEVIATION / self._width
 
     def values(self, point: np.ndarray) -> tuple[float, ...]:
-        """Return the knob values that a point in the box stands for."""
+        """Return the parameter values that a point in the box stands for."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point in the box that stands for given knob values."""
+        """Return the point in the box that stands for given parameter values."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
-        """Return the first scenario with the knob values of a point."""
-        return with_parameter_values(self._scenarios[0], self._knobs, self.values(point))
+        """Return the first scenario with the parameter values of a point."""
+        return with_parameter_values(self._scenarios[0], self._parameters, self.values(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
         """Return the mean error of the candidate at each point, (count,), m."""
         columns = np.repeat(np.exp(self._low + self._width * points), len(self._samples), axis=0).T
-        varying = {path: column for knob, column in zip(self._knobs, columns, strict=True) for path in knob.paths}
+        varying = {
+            path: column
+            for parameter, column in zip(self._parameters, columns, strict=True)
+            for path in parameter.paths
+        }
         errors = [_errors(*self._flights(fleet, varying, len(points))) for fleet in self._fleets]
         late = [_crashes(*self._flights(fleet, varying, len(points))) for fleet in self._late_fleets]
         return np.asarray(np.mean(errors, axis=0) + sum(late, np.zeros(len(points))) / len(errors))
@@ -362,9 +369,11 @@ def with_extra_latency(scenario: Scenario, extra_latency: float) -> Scenario:
     return map_leaves(scenario, with_added_frames)
 
 
-def with_parameter_values(scenario: Scenario, knobs: Sequence[TuningParameter], numbers: Sequence[float]) -> Scenario:
-    """Return the scenario with given knob values."""
-    values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
+def with_parameter_values(
+    scenario: Scenario, parameters: Sequence[TuningParameter], numbers: Sequence[float]
+) -> Scenario:
+    """Return the scenario with given parameter values."""
+    values = {path: value for parameter, value in zip(parameters, numbers, strict=True) for path in parameter.paths}
     return map_leaves(scenario, lambda path, value: values.get(path, value))
 
 

@@ -23,7 +23,7 @@ class ControllerEntry(NamedTuple):
         plant_knowledge: phrase for the report that lists the plant properties that the controller uses, in addition to
             mass, inertia and reference.
         control: fields of the scenario's `control`; for a controller with a network, only the fields of the network.
-        knobs: parameters that are tuned; empty for a controller with a design method that needs no tuning.
+        parameters: parameters that are tuned; empty for a controller with a design method that needs no tuning.
         base: name of the base controller to which a network is added; empty for a controller without a network.
         trained_in_laps: True if the controller learns from lap to lap and is therefore trained over several laps.
         uncompiled: True if the controller cannot be compiled, and therefore flies fewer samples.
@@ -32,7 +32,7 @@ class ControllerEntry(NamedTuple):
     label: str
     plant_knowledge: str
     control: Tree = {}  # noqa: RUF012 - the default is never modified
-    knobs: tuple[TuningParameter, ...] = ()
+    parameters: tuple[TuningParameter, ...] = ()
     base: str = ""
     trained_in_laps: bool = False
     uncompiled: bool = False
@@ -40,8 +40,8 @@ class ControllerEntry(NamedTuple):
     def tree(self, numbers: Iterable[float]) -> Tree:
         """Return the controller as part of a scenario."""
         tree = {"control": deepcopy(self.control)}
-        for knob, number in zip(self.knobs, numbers, strict=True):
-            for path in knob.paths:
+        for parameter, number in zip(self.parameters, numbers, strict=True):
+            for path in parameter.paths:
                 *steps, last = split_path(path)
                 part: Any = tree
                 for step in steps:
@@ -51,7 +51,7 @@ class ControllerEntry(NamedTuple):
 
     def geometric_mean(self) -> Tree:
         """Return the controller with each tuned parameter at the geometric mean of its range, to begin a search."""
-        return self.tree(math.sqrt(knob.low * knob.high) for knob in self.knobs)
+        return self.tree(math.sqrt(parameter.low * parameter.high) for parameter in self.parameters)
 
 
 def _key(step: str) -> str | int:
@@ -98,13 +98,13 @@ def _horizontal_paths(path: str) -> tuple[str, ...]:
 def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
     """Return the controllers without a network, by name."""
     mass_only, estimator = "–", "delay (the lag of the thrust is tuned)"
-    position_knobs = (
+    position_parameters = (
         TuningParameter(_horizontal_paths("position.k_p"), 0.3, 12.0),
         TuningParameter(_horizontal_paths("position.k_d"), 0.5, 8.0),
         TuningParameter(("control.position.k_p.2",), 1.0, 40.0),
         TuningParameter(("control.position.k_d.2",), 1.0, 15.0),
     )
-    attitude_knobs = (
+    attitude_parameters = (
         ()
         if on_board
         else (
@@ -112,7 +112,7 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
             TuningParameter(_horizontal_paths("attitude.k_d"), 2.0, 20.0),
         )
     )
-    knobs = (*attitude_knobs, *position_knobs)
+    parameters = (*attitude_parameters, *position_parameters)
     integral = (
         TuningParameter(_horizontal_paths("position.k_i"), 0.05, 5.0),
         TuningParameter(("control.position.k_i.2",), 0.05, 10.0),
@@ -141,28 +141,28 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
         integrating |= {"integral_limit": 20.0}
     filtered = {"position_noise": 0.001, "time_constant": [10.0, 10.0, 10.0], "deviation": [1.0, 1.0, 1.0]}
     entries = {
-        "pd": ControllerEntry("PD", mass_only, plain, knobs),
-        "pid": ControllerEntry("PID", mass_only, _cascade(on_board, integrating), (*knobs, *integral)),
+        "pd": ControllerEntry("PD", mass_only, plain, parameters),
+        "pid": ControllerEntry("PID", mass_only, _cascade(on_board, integrating), (*parameters, *integral)),
         "geometric": ControllerEntry(
-            "PD, geometric attitude", mass_only, _cascade(on_board, {"kind": "pd"}, {"kind": "geometric"}), knobs
+            "PD, geometric attitude", mass_only, _cascade(on_board, {"kind": "pd"}, {"kind": "geometric"}), parameters
         ),
         "disturbance_observer": ControllerEntry(
             "disturbance observer",
             f"{estimator}, noise of the cameras",
             estimated({"kind": "disturbance_observer", **filtered}),
-            (*knobs, lag, *deviation, *attitude_bandwidth),
+            (*parameters, lag, *deviation, *attitude_bandwidth),
         ),
         "l1": ControllerEntry(
             "L1",
             estimator,
             estimated({"kind": "l1", "bandwidth": [1.0, 1.0, 1.0]}),
-            (*knobs, lag, *bandwidth, *attitude_bandwidth),
+            (*parameters, lag, *bandwidth, *attitude_bandwidth),
         ),
         "indi": ControllerEntry(
             "INDI",
             estimator,
             estimated({"kind": "indi", "bandwidth": [1.0, 1.0, 1.0]}),
-            (*knobs, lag, *bandwidth, *attitude_bandwidth),
+            (*parameters, lag, *bandwidth, *attitude_bandwidth),
         ),
         "lqg": ControllerEntry("LQG", "delay, lags and noise, with their tolerances; spectrum of the wind"),
         "mpc": ControllerEntry("MPC", "that of LQG; limits of tilt, thrust and snap", uncompiled=True),
@@ -241,21 +241,23 @@ def _network(base: ControllerEntry, name: str, kind: str, inputs: Tree, law: Tre
         "adaptive": dict.fromkeys(_ADAPTIVE_PARAMETERS, 1.0) if adaptive else None,
     }
     path = "control.network"
-    knobs = [
+    parameters = [
         TuningParameter((f"{path}.learning.{field}",), *ends) for field, ends in _LEARNING_RANGES[law["kind"]].items()
     ]
     if inputs is not _ERROR_INPUTS:
         network["lead"] = 0.1
-        knobs.append(TuningParameter((f"{path}.lead",), 0.02, 1.0))
+        parameters.append(TuningParameter((f"{path}.lead",), 0.02, 1.0))
     else:
-        knobs += [TuningParameter((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALE_RANGES.items()]
+        parameters += [
+            TuningParameter((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALE_RANGES.items()
+        ]
     if adaptive:
-        knobs += [TuningParameter((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE_PARAMETERS]
+        parameters += [TuningParameter((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE_PARAMETERS]
     return ControllerEntry(
         f"{base.label} + {NETWORKS[kind]}",
         "that of the controller to which it is added",
         {"network": network},
-        tuple(knobs),
+        tuple(parameters),
         base=name,
         trained_in_laps=inputs is not _ERROR_INPUTS,
     )

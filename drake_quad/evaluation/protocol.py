@@ -53,7 +53,7 @@ def tunable_entries(
     Raises:
         InputError: if a name is not one of the tunable entries.
     """
-    entries = {name: each for name, each in family.entries.items() if each.knobs}
+    entries = {name: each for name, each in family.entries.items() if each.parameters}
     for name in names or ():
         if name not in entries:
             raise InputError(f"there is no tunable controller {name}; choose from {', '.join(entries)}")
@@ -88,7 +88,7 @@ def design_family(
         if entry.base:
             alone = training_scenarios(diagrams, family, f"{path}:{entry.base}", entry)
             extra_latency = tolerated_delay(alone, limit.delay, budget=budget)
-        result = tune(scenarios, entry.knobs, fractions, budget=budget, extra_latency=extra_latency, before=before)
+        result = tune(scenarios, entry.parameters, fractions, budget=budget, extra_latency=extra_latency, before=before)
         description = _description(entry, result, budget, extra_latency)
         write_designs(
             path,
@@ -147,7 +147,7 @@ def previous_numbers(
         return None
     scenario, *_ = training_scenarios(diagrams, family, f"{path}:{controller}", entry)
     try:
-        numbers = [value_at(scenario, knob.paths[0]) for knob in entry.knobs]
+        numbers = [value_at(scenario, parameter.paths[0]) for parameter in entry.parameters]
     except InputError:
         return None
     return numbers if all(isinstance(number, float) and number > 0.0 for number in numbers) else None
@@ -161,9 +161,9 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
     for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITY_LIMITS):
         entry, limit = entries[controller], LoopLimit(sensitivity=sensitivity)
         name = priced_name(controller, sensitivity)
-        if entry.knobs:
+        if entry.parameters:
             scenarios = _scenarios_before_tuning(diagrams, family, path, name, entry)
-            result = tune(scenarios, entry.knobs, limit.margin_ratios, budget=budget)
+            result = tune(scenarios, entry.parameters, limit.margin_ratios, budget=budget)
             tree, description = entry.tree(result.values), _description(entry, result, budget)
         else:
             scenario = load_undesigned(diagrams / family.laboratories[PRICED_LABORATORY])
@@ -184,7 +184,7 @@ def _description(entry: ControllerEntry, result: TuningResult, budget: Budget, e
         extra_latency: additional latency in training, s.
     """
     description = (
-        f"{len(entry.knobs)} numbers tuned in {budget.rounds} rounds, {100.0 * result.error:.2f} cm in training"
+        f"{len(entry.parameters)} numbers tuned in {budget.rounds} rounds, {100.0 * result.error:.2f} cm in training"
     )
     if extra_latency:
         description += f", also with {1e3 * extra_latency:.0f} ms of extra delay"

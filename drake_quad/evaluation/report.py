@@ -252,7 +252,7 @@ def _entries_table() -> str:
         (
             each.label,
             each.plant_knowledge,
-            f"search over {len(each.knobs)} numbers" if each.knobs else "Riccati equations",
+            f"search over {len(each.parameters)} numbers" if each.parameters else "Riccati equations",
         )
         for each in entries
     ]

@@ -242,9 +242,9 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     assert result.returncode == 0
     assert written(result) == [str(tmp_path / "scenario.yaml")]
     assert len(calls["print_margins"]) == 1
-    (((scenarios, knobs, margin_ratios), named),) = calls["tune"]
+    (((scenarios, parameters, margin_ratios), named),) = calls["tune"]
     assert [scenario.name for scenario in scenarios] == ["hover"]
-    assert [knob.paths for knob in knobs] == [
+    assert [parameter.paths for parameter in parameters] == [
         (f"control.position.{gain}.0", f"control.position.{gain}.1") for gain in ("k_p", "k_d")
     ]
     assert (margin_ratios.__self__.sensitivity, margin_ratios.__self__.delay) == (1.75, 0.25)

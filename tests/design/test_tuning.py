@@ -135,14 +135,15 @@ def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
 @pytest.mark.slow
 def test_crashes_with_extra_latency_add_to_the_error(narrow):
     """A crash at time t of T adds 2 - t / T metres to the error of the flights without latency."""
-    knob, budget = (
+    parameter, budget = (
         TuningParameter(("control.position.k_p.0",), 3.3, 3.301),
         Budget(rounds=1, candidates=4, samples=2, steps=1),
     )
     error_without, error_with = (
-        tune([narrow], [knob], None, budget=budget, extra_latency=extra_latency).error for extra_latency in (0.0, 0.09)
+        tune([narrow], [parameter], None, budget=budget, extra_latency=extra_latency).error
+        for extra_latency in (0.0, 0.09)
     )
-    metrics = fly_samples(with_parameter_values(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
+    metrics = fly_samples(with_parameter_values(with_extra_latency(narrow, 0.09), [parameter], [3.3]), range(2))
     assert metrics.crashed.all()
     assert error_without < 0.1
     assert error_with - error_without == pytest.approx(float((2.0 - metrics.crash_time / 3.0).mean()), rel=1e-3)

@@ -36,21 +36,21 @@ def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, 
     assert designs[name].keys() - {"indi_fast"} == entries.keys()
     for key, entry in entries.items():
         design = designs[name][key]
-        numbers = [numbers_in(design, knob.paths) for knob in entry.knobs]
-        for knob, found in zip(entry.knobs, numbers, strict=True):
+        numbers = [numbers_in(design, parameter.paths) for parameter in entry.parameters]
+        for parameter, found in zip(entry.parameters, numbers, strict=True):
             assert len(set(found)) == 1
-            assert knob.low <= found[0] <= knob.high
+            assert parameter.low <= found[0] <= parameter.high
             # The report states that each range spans at least a factor of ten.
-            assert knob.high >= 9.99 * knob.low
-        if entry.knobs:
+            assert parameter.high >= 9.99 * parameter.low
+        if entry.parameters:
             assert entry.tree([found[0] for found in numbers]) == design
         else:
             assert design["control"]["kind"] == key
     for key in PRICED_CONTROLLERS:
         for limit in SENSITIVITY_LIMITS if name == "laboratory" else ():
-            design, knobs = designs[PRICED_DESIGNS][priced_name(key, limit)], entries[key].knobs
-            if knobs:
-                assert entries[key].tree([numbers_in(design, knob.paths)[0] for knob in knobs]) == design
+            design, parameters = designs[PRICED_DESIGNS][priced_name(key, limit)], entries[key].parameters
+            if parameters:
+                assert entries[key].tree([numbers_in(design, parameter.paths)[0] for parameter in parameters]) == design
 
 
 def test_entries_have_consistent_attributes():
@@ -61,7 +61,7 @@ def test_entries_have_consistent_attributes():
     for name, each in entries.items():
         assert each.base == (name.partition("_t1")[0].partition("_t2")[0] if "fnn" in name else "")
         assert each.label == "LQG" or not each.base or each.label.startswith(f"{entries[each.base].label} + type ")
-        assert each.base or ("lag" in each.plant_knowledge) == ("lag" in str(each.knobs) or name == "lqg")
+        assert each.base or ("lag" in each.plant_knowledge) == ("lag" in str(each.parameters) or name == "lqg")
     assert len({each.label for each in entries.values()}) == len(entries)
     without = controller_entries(on_board=False, maps=False)
     assert entries.keys() - without.keys() == set(in_laps)
@@ -71,9 +71,9 @@ def test_entries_have_consistent_attributes():
 def test_the_middle_of_a_range_is_its_geometric_mean():
     entry = controller_entries(on_board=True, maps=False)["pd"]
     tree = entry.geometric_mean()
-    for knob in entry.knobs:
-        for number in numbers_in(tree, knob.paths):
-            assert number / knob.low == pytest.approx(knob.high / number, rel=1e-3)
+    for parameter in entry.parameters:
+        for number in numbers_in(tree, parameter.paths):
+            assert number / parameter.low == pytest.approx(parameter.high / number, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -94,7 +94,7 @@ def test_the_parameters_of_an_earlier_design_are_read_from_its_file(diagrams, de
     path = design_file(diagrams, "laboratory")
     entries = controller_entries(on_board=False, maps=True)
     for key in ("indi", "pd_t2fnn"):
-        expected = [numbers_in(designs["laboratory"][key], knob.paths)[0] for knob in entries[key].knobs]
+        expected = [numbers_in(designs["laboratory"][key], parameter.paths)[0] for parameter in entries[key].parameters]
         assert previous_numbers(diagrams, family, path, key, entries[key]) == expected
     assert previous_numbers(diagrams, family, tmp_path / "none.yaml", "pd", entries["pd"]) is None
     # A design of another kind has no such parameters.

@@ -278,9 +278,9 @@ def tuned(monkeypatch):
     """Replace the tuning by a function that returns the middle of each range, and record its arguments."""
     kept = []
 
-    def tune(scenarios, knobs, fractions, *, budget, extra_latency=0.0, before=None, progress=None):
+    def tune(scenarios, parameters, fractions, *, budget, extra_latency=0.0, before=None, progress=None):
         kept.append((scenarios, fractions, budget, extra_latency, before))
-        numbers = tuple(math.sqrt(knob.low * knob.high) for knob in knobs)
+        numbers = tuple(math.sqrt(parameter.low * parameter.high) for parameter in parameters)
         return TuningResult(numbers, 0.1234, 0.876 if fractions is None else 1.7)
 
     monkeypatch.setattr(protocol, "tune", tune)
@@ -312,7 +312,7 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
         assert fractions(scenarios[0]) == limit
         assert (given, later) == (budget, 0.0)
-    assert made[0].description == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
+    assert made[0].description == f"{len(entry.parameters)} numbers tuned in 2 rounds, 12.34 cm in training"
     assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITY_LIMITS]
     assert {(place.name, wanted.delay) for place, wanted in limits} == {("high_wind", 0.05)}
     assert read_designs(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
@@ -346,7 +346,7 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
     late = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"
     assert [each.description for each in made] == [
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
-        *(f"{len(entries[name].knobs)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
+        *(f"{len(entries[name].parameters)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
     ]
     assert [(fractions is None, later, before) for _, fractions, _, later, before in tuned] == [
         (False, 0.0, None), (True, 0.03, None), (True, 0.03, None),
@@ -356,7 +356,9 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
     # Only networks that depend on the position are trained in laps.
     assert [scenarios[0].route.laps for scenarios, *_ in tuned] == [1, 1, 2]
     again = list(protocol.design_family(folder, "mine", family, {"pd": entries["pd"]}, budget=budget))
-    assert tuned[-1][4] == pytest.approx([math.sqrt(knob.low * knob.high) for knob in entries["pd"].knobs], rel=1e-3)
+    assert tuned[-1][4] == pytest.approx(
+        [math.sqrt(parameter.low * parameter.high) for parameter in entries["pd"].parameters], rel=1e-3
+    )
     assert [each.name for each in again] == ["pd"]
     text = design_file(folder, "mine").read_text(encoding="utf-8")
     assert "family mine of" in text

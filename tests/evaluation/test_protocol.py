@@ -34,7 +34,9 @@ def test_training_and_evaluation_samples_are_disjoint():
 def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path):
     family = FAMILIES[name]
     entries = {
-        key: each for key, each in controller_entries(on_board=family.on_board, maps=family.maps).items() if each.knobs
+        key: each
+        for key, each in controller_entries(on_board=family.on_board, maps=family.maps).items()
+        if each.parameters
     }
     own = {key: each for key, each in entries.items() if each.base != "lqg"}
     path = write_designs(
@@ -42,9 +44,9 @@ def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path)
     )
     for key in ("pd", "disturbance_observer", "pd_t2fnn_adaptive", "indi_t2fnn"):
         (scenario, *_) = training_scenarios(diagrams, family, f"{path}:{key}", own[key])
-        for knob in own[key].knobs:
-            for field in knob.paths:
-                assert knob.low < value_at(scenario, field) < knob.high
+        for parameter in own[key].parameters:
+            for field in parameter.paths:
+                assert parameter.low < value_at(scenario, field) < parameter.high
         assert scenario.control.network is None or own[key].base
 
 

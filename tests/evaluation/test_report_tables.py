@@ -238,7 +238,7 @@ def test_the_report_describes_the_protocol_with_its_values(found):
     entries = controller_entries(on_board=False, maps=True)
     rows = rows_of(report_markdown(found, claims, []))
     for each in entries.values():
-        tuned = f"search over {len(each.knobs)} numbers" if each.knobs else "Riccati equations"
+        tuned = f"search over {len(each.parameters)} numbers" if each.parameters else "Riccati equations"
         assert [each.label, each.plant_knowledge, tuned] in rows
 
 
