@@ -6,6 +6,7 @@
 
 enum { SYS_OPEN = 1, SYS_WRITE = 5, SYS_READ = 6, SYS_EXIT = 24 };
 enum { READ_BINARY = 1, WRITE_BINARY = 5 };
+enum { RUN_TIME_ERROR = 0x20023, APPLICATION_EXIT = 0x20026 }; /* reasons of SYS_EXIT */
 
 #define SYSTICK_CONTROL (*(volatile uint32_t *)0xE000E010)
 #define SYSTICK_RELOAD (*(volatile uint32_t *)0xE000E014)
@@ -33,13 +34,24 @@ static uint32_t open_file(const char *name, uint32_t length, uint32_t mode)
     return semihosting(SYS_OPEN, arguments);
 }
 
-/* Transfer all bytes. The operations return the number of bytes that are left. */
+static void stop(uint32_t reason)
+{
+    semihosting(SYS_EXIT, (const void *)reason);
+    for (;;) {
+    }
+}
+
+/* Transfer all bytes. The operations return the number of bytes that are left. If none was transferred, the process at
+   the other end of the pipe has ended, and the program ends, too. */
 static void transfer(uint32_t operation, uint32_t file, void *data, uint32_t size)
 {
     uint32_t left = size;
     while (left > 0) {
         const uint32_t arguments[3] = {file, (uint32_t)data + size - left, left};
+        const uint32_t before = left;
         left = semihosting(operation, arguments);
+        if (left >= before)
+            stop(APPLICATION_EXIT);
     }
 }
 
@@ -71,9 +83,7 @@ static void reset(void)
 
 static void fault(void)
 {
-    semihosting(SYS_EXIT, (const void *)0x20023); /* a run-time error */
-    for (;;) {
-    }
+    stop(RUN_TIME_ERROR);
 }
 
 __attribute__((section(".vectors"), used)) static const void *const vectors[16] = {

@@ -3,6 +3,11 @@
 import json
 import pickle
 import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +16,7 @@ from pydrake.systems.framework import Context
 from drake_quad import InputError, load_scenario, register_controller
 from drake_quad.export.controller import export_controller
 from drake_quad.exported.description import DESCRIPTION_FILE, read_description
-from drake_quad.exported.machines import CROSS_COMPILER, HostMachine, compile_for_board, has_cross_compiler
+from drake_quad.exported.machines import CROSS_COMPILER, EMULATOR, HostMachine, compile_for_board, has_cross_compiler
 from drake_quad.exported.system import exported_controller
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -122,3 +127,26 @@ def test_a_controller_reads_the_true_state_if_its_code_has_this_input(tmp_path, 
     export_controller(scenario, tmp_path)
     assert signal in read_description(tmp_path).inputs
     assert exported_controller(tmp_path)().reads_true_state == expected
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which(EMULATOR) is None or not has_cross_compiler(), reason="no emulator or cross-compiler")
+def test_an_emulated_board_ends_with_the_process_that_started_it(folder):
+    """The process is killed, so that it cannot stop the board."""
+    description = read_description(folder)
+    num_input_bytes = 8 * sum(description.inputs.values())
+    program = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from drake_quad.exported.machines import EmulatedBoard\n"
+        "board = EmulatedBoard(Path(sys.argv[1]), 'cortex-m4f')\n"
+        f"board.step(bytes({description.state_type.itemsize}), bytes({num_input_bytes}))\n"
+        "print(board._process.pid, flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program, folder], capture_output=True, text=True, check=False)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    board, end = Path(f"/proc/{int(ended.stdout)}/exe"), time.monotonic() + 10.0
+    while board.exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not board.exists()
