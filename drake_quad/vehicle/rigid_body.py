@@ -47,9 +47,11 @@ def nearest_rigid_inertia(
     Returns:
         (3,) or (3, N) moments, kg m².
     """
-    nearest = np.array(np.broadcast_arrays(*moments), dtype=float)
-    ends = (lowest, [np.inf] * len(nearest) if highest is None else highest)
-    low, high = (np.array([np.broadcast_to(each, nearest.shape[1:]) for each in end], dtype=float) for end in ends)
+    shape = np.broadcast_shapes(*map(np.shape, moments))
+    nearest, low, high = (
+        np.array([np.broadcast_to(each, shape) for each in values], dtype=float)
+        for values in (moments, lowest, [np.inf] * len(moments) if highest is None else highest)
+    )
     # Each pass either removes the excess or moves one more moment to its bound, so three passes suffice.
     for _ in _MOMENT_NAMES:
         largest = nearest == nearest.max(axis=0)
