@@ -89,6 +89,7 @@ def test_modules_outside_the_folders_do_not_import_folders():
     assert not upward
 
 
+@pytest.mark.long
 def test_imports_of_modules_contain_no_cycle():
     remaining = imports()
     while free := [module for module, targets in remaining.items() if not targets & remaining.keys()]:

@@ -48,7 +48,7 @@ def test_a_session_fails_if_a_test_writes_into_the_repository(tmp_path, body, ch
     assert f"files of the repository changed during the tests: {changed}; a test must write" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "body", ["(tmp_path / 'saved.yaml').write_text('')", "Path('out').mkdir(); Path('out', 'plot.png').write_text('')"]
 )

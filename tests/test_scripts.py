@@ -88,7 +88,7 @@ def numbers(pattern, text):
     return [float(number) for number in re.search(pattern.replace("#", r"(-?\d[\d.]*)"), text).groups()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_flight_in_drakes_simulator_has_the_same_errors_as_simulate(run_script, tmp_path):
     text, variables = run_script("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
@@ -99,7 +99,7 @@ def test_the_flight_in_drakes_simulator_has_the_same_errors_as_simulate(run_scri
     assert "</html>" in (tmp_path / "out" / "figure_eight.html").read_text(encoding="utf-8").lower()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loop_built_block_by_block_flies_like_the_equivalent_scenario(run_script, tmp_path):
     text, _ = run_script("build_diagram.py")
     (rmse,) = numbers("RMSE # cm in low wind", text)

@@ -77,6 +77,7 @@ def test_an_effect_that_is_off_is_not_part_of_the_diagram(asymmetric):
     assert recipes["allocation"].system is Allocation
 
 
+@pytest.mark.long
 def test_an_autopilot_allocates_throttles_by_the_nominal_thrust_curve(asymmetric):
     recipe = recipes_of(asymmetric("pid", *overrides("motors")))["allocation"]
     assert recipe.system is ThrottleAllocation

@@ -352,7 +352,7 @@ def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_
     assert scenario.vehicle.battery_sag.uniform.max == 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
@@ -387,7 +387,7 @@ def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("unrendered_figures")
 @pytest.mark.parametrize(
     ("wind", "remark"),
@@ -528,7 +528,7 @@ def monte_carlo(run, folder, *arguments):
     return run("study", "diagrams/robustness.yaml", *short, *arguments)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_study_prints_the_statistics_of_its_samples(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--seed", 3)

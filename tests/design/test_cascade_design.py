@@ -86,7 +86,7 @@ def test_the_position_responds_to_a_commanded_acceleration_through_the_tilt(plan
         assert rate == pytest.approx(s * value, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("centre", [(0.0004, 0.0), (0.0, -0.0006), (0.0003, 0.0004)])
 def test_a_vehicle_hovers_at_the_offset_that_its_displaced_centre_of_mass_predicts(diagrams, centre):
     """The offset is measured from where a vehicle without displaced centre of mass hovers."""

@@ -51,7 +51,7 @@ def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
         assert distance <= spread * certificate.unstable.scale + 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_loop_that_is_flown_grows_as_stated(certificate):
     loop, time = certificate.growth
     period = 0.02
@@ -119,7 +119,7 @@ def test_a_certificate_depends_only_on_the_seed():
     assert first == second
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loop_that_is_unstable_at_the_centre_has_no_stable_scale():
     found = certify_hover(load_scenario("hover", [LAG, "laboratory.command_link.delay_ticks=20"]))
     assert found.stable_scale == found.unstable.scale == found.gap == 0.0

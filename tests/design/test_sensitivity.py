@@ -56,7 +56,7 @@ def test_derivatives_match_differences_of_whole_flights(windy):
             )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_values_that_the_vehicle_does_not_set_follow_nominal():
     """As with `--set nominal.mass`, the actual value changes too unless the scenario sets the vehicle's value."""
     path = ROOT / "diagrams" / "figure_eight.yaml"

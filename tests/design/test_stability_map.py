@@ -87,7 +87,7 @@ def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
         assert np.abs(multipliers - pole).min() < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 def test_each_point_of_the_simulated_map_equals_a_single_flight(scenario, loop):
     """All flights have the wind and noise of one sample, and one of them crashes."""

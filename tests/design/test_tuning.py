@@ -79,7 +79,7 @@ def test_limits_apply_to_the_medians_of_distributions():
     assert fractions.min() == pytest.approx(1.0, abs=0.01)  # the design meets the limits exactly
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
     alone = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=budget)
@@ -88,7 +88,7 @@ def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory)
     assert again.error <= thorough.error + 1e-9 < alone.error
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_error_wins(laboratory):
     height = TuningParameter(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
@@ -132,7 +132,7 @@ def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
     assert tolerated_delay([narrow], tolerated - 0.01, budget=Budget(samples=2)) == pytest.approx(tolerated - 0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_crashes_with_extra_latency_add_to_the_error(narrow):
     """A crash at time t of T adds 2 - t / T metres to the error of the flights without latency."""
     parameter, budget = (

@@ -76,7 +76,7 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
         assert math.isnan(tolerated) if uncompiled else tolerated == f"stood {windy} 4"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_controllers_are_certified_by_the_command_s_function_or_have_a_reason(diagrams):
     lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
     late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])

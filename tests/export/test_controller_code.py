@@ -66,7 +66,7 @@ def test_a_trained_policy_has_the_bits_of_the_simulation(tmp_path):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.long
 def test_single_precision_differs_by_its_rounding(tmp_path):
     expected, found = commands(asymmetric("lqg"), tmp_path, precision="single")
     largest = np.abs(expected).max(axis=0)
@@ -94,7 +94,7 @@ def test_compilers_and_their_options_do_not_change_a_bit(compiler, level, tmp_pa
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_flight_of_the_code_is_the_flight_of_the_controller(tmp_path):
     scenario = load_scenario("laboratory:nominal", ["duration=0.6", "metrics={start: 0, end: null}"])
     scenario = scenario.model_copy(update={"control": asymmetric("lqg").control})

@@ -162,7 +162,7 @@ def px4_wrench_project(tmp_path_factory):
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
     scenario, project = exported(tmp_path, "px4", WRENCH)
     nominal = nominal_parameters(scenario)
@@ -181,7 +181,7 @@ def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
     """The attitude setpoint of PX4 contains a yaw rate, but no feed-forward of the other body rates."""
     scenario, project = exported(tmp_path, "px4", ATTITUDE)
@@ -202,7 +202,7 @@ def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_px4_project_commands_only_in_offboard_mode_and_then_starts_anew(tmp_path):
     _, project = exported(tmp_path, "px4", LQG)
     library = px4_library(project)

@@ -202,7 +202,7 @@ def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
                 np.testing.assert_allclose(actual, expected[first : first + len(samples)], rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
     """Every diagram includes effects that a distribution can make zero, and queues for the longest delay."""
     study = scenario(
@@ -249,7 +249,7 @@ def test_a_recorded_fleet_refuses_a_route_with_a_distribution(scenario):
         simulate_samples(scenario("route.radius={uniform: {min: 1.2, max: 1.4}}"), [0, 1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the test needs /proc of Linux")
 def test_later_batches_of_a_fleet_need_no_additional_memory(scenario):
     """A new diagram or context for every batch would take several megabytes."""

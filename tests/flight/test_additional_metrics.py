@@ -70,6 +70,7 @@ def test_derived_signals_agree_with_their_definitions():
     assert {*names} == {*DERIVED_SIGNALS}
 
 
+@pytest.mark.long
 def test_shipped_metrics_are_computed_from_their_signals():
     metrics = {
         "settling_time": {"radius": 0.03},

@@ -85,7 +85,7 @@ def test_a_flight_with_an_autopilot_starts_in_hover_at_any_heading(scenario, kin
     np.testing.assert_array_equal(flight["wrench"], np.tile([0.68 * 9.81, 0.0, 0.0, 0.0], (len(flight.time), 1)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @for_each_autopilot
 def test_a_vehicle_with_a_continuous_state_has_the_same_flight(scenario, kind):
     """The tolerance of 0.1 mm covers the discretization error of the vehicle with a time step."""

@@ -179,6 +179,7 @@ def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
     np.testing.assert_allclose(wind, np.transpose(alone), atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_recorded_fleet_has_the_flights_of_its_samples(imperfect):
     """Each flight has a scenario with the drawn values and the index of its sample."""
     flights = simulate_samples(imperfect, [40, 7], seed=3)
@@ -223,6 +224,7 @@ def test_turbulence_does_not_depend_on_other_winds(diagrams):
     np.testing.assert_allclose(winds[1][:90], winds[0][:90], atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_saved_sample_repeats_its_flight(imperfect, tmp_path):
     flight = simulate(imperfect, seed=3, sample=7)
     again = simulate(load_scenario(flight.save(tmp_path)[2]))

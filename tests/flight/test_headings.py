@@ -105,7 +105,7 @@ def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
         np.testing.assert_allclose(states, rotated(expected, np.pi), rtol=0.0, atol=1e-9, err_msg=controller)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "controller",
     [

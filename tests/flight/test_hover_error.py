@@ -115,7 +115,7 @@ def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
     assert np.all(axis_errors(hover_error(in_laboratory(layer)))[:2] > 2.0 * axis_errors(error)[:2])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_hover_error_depends_neither_on_the_seed_nor_on_the_time_step():
     layer = "designed/laboratory.yaml:pid"
     assert hover_error(in_laboratory(layer, "seed=3", "vehicle.time_step=0")) == hover_error(in_laboratory(layer))

@@ -50,6 +50,7 @@ def test_learned_sets_are_used_even_if_only_the_weights_learn_further(asymmetric
     assert "antecedents" not in fixed.signals
 
 
+@pytest.mark.long
 def test_a_learning_rate_of_zero_keeps_the_learned_parameters(asymmetric, tmp_path):
     file = learned_file(tmp_path, MATCHING_HEADER + EQUAL_WEIGHTS)
     learning = "control.network.learning={kind: gradient, signal: feedback, rate: 0}"
@@ -118,7 +119,7 @@ def test_a_relative_file_name_is_relative_to_the_scenario_file(root, tmp_path):
     assert load_scenario(path).control.network.learned.y.weights == (0.25,) * 12
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.1", "metrics.start=0"), sample=0)
     for value in (np.nan, np.inf):
@@ -132,7 +133,7 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
     """A flight in which a user's system replaces the network has no network either."""
     short = ("duration=0.1", "metrics.start=0")
@@ -147,7 +148,7 @@ def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_parameters_are_saved_per_axis_in_any_order_of_the_axes(asymmetric, tmp_path):
     axes = ["control.network.axes=[z, x]", FEW_RULES, "duration=0.3"]
     first = simulated_flight(asymmetric, *axes)

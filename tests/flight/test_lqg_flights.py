@@ -52,7 +52,7 @@ def test_a_shipped_design_has_at_most_60_percent_of_the_error_of_the_cascade(con
     assert mean_rmse(scenario_of(spec, controller=controller)) < 0.6 * cascade
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine_laboratories():
     assert mean_rmse(scenario_of(HIGH_WIND_SCENARIO, controller="lqg_low_wind")) < 0.7 * mean_rmse(
         scenario_of(HIGH_WIND_SCENARIO)
@@ -65,7 +65,7 @@ def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
     assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *late)) < 0.06
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("spec", ["outdoor.yaml", "neural_fly.yaml:wind_8"])
 def test_designs_for_scenario_families_meet_the_loop_limit_of_the_protocol(spec):
     family = spec.partition(".")[0]
@@ -140,7 +140,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_network_can_be_combined_with_the_regulator():
     """The network uses the estimate, learns from the feedback, and flies the same compiled and uncompiled."""
     network = (

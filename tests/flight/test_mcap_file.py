@@ -64,6 +64,7 @@ def messages(path):
     return contents, schemas
 
 
+@pytest.mark.long
 def test_each_signal_and_each_foxglove_display_has_a_topic(messages, flights):
     contents, _ = messages
     for name, flight in flights.items():

@@ -66,7 +66,7 @@ FAILING_OUTPUTS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (np.inf, "infinite")])
 @pytest.mark.parametrize(("spec", "place", "signal", "row"), FAILING_OUTPUTS)

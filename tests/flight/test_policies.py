@@ -44,6 +44,7 @@ def pd(diagrams):
     return with_fields(scenario, {"control": fields})
 
 
+@pytest.mark.long
 def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path):
     """The rest of the cascade, the wind and the noise are the same in both flights."""
     weights = np.hstack([np.diag(K_P / ACTION_LIMIT), np.diag(K_D / ACTION_LIMIT)])
@@ -95,6 +96,7 @@ def test_a_policy_has_the_same_flight_compiled_and_uncompiled(action, tmp_path):
     assert_flown_alike(Batch.draw(random_policy(action, tmp_path), range(10)))
 
 
+@pytest.mark.long
 def test_a_policy_has_the_same_flight_alone_and_in_a_study(tmp_path):
     policy = random_policy("acceleration", tmp_path)
     alone = simulate(policy, sample=7, compiled=False)

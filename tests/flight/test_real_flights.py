@@ -33,7 +33,7 @@ def row_of_page(root, name):
     return [float(cell.removesuffix(" %")) for cell in row.split(" | ")]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_simulated_errors_of_neural_fly_agree_with_the_real_flights(diagrams, root):
     """RMS errors in all winds agree to 20 % with the real flights, and with the page on real flights."""
     rmse = {name: predicted_rmse(diagrams, name) for name in MEASURED_RMSE_CM}

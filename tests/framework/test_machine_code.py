@@ -485,7 +485,7 @@ def test_damaged_machine_code_is_recompiled(tmp_path):
     assert file.read_bytes() == content
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_process_compiles_if_there_is_no_cache_folder(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     (tmp_path / "file").write_text("")

@@ -55,6 +55,7 @@ def zero_reward(step):
     return 0.0 * step.time
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(mode):
@@ -77,6 +78,7 @@ def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(
     assert crashes > 0
 
 
+@pytest.mark.long
 def test_a_reward_function_reads_metrics_that_are_requested_by_name():
     transitions = []
     envs = task(reward=lambda step: transitions.append(step) or zero_reward(step), metrics=["largest_tilt", "near"])

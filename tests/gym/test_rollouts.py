@@ -13,6 +13,7 @@ from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.replay.page import save_replay
 
 
+@pytest.mark.long
 def test_the_last_episode_is_replayed_with_all_signals(tmp_path):
     env = QuadrotorEnv("laboratory:low_wind", {"crash.position_error": 0.3}, action="attitude")
     for seed in (4, 5):

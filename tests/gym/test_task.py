@@ -9,7 +9,7 @@ from drake_quad.gym.task import environment_scenario
 from drake_quad.scenario.files.loading import with_fields
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_missing_attitude_controller_is_designed_like_the_attitude_loop_of_a_cascade():
     """The scenario of RAPTOR has no attitude controller, because it commands rotor speeds."""
     scenario = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])

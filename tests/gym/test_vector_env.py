@@ -123,6 +123,7 @@ def test_a_rollout_is_reproducible_and_vehicles_are_independent():
     assert not np.array_equal(one[60][0], other[60][0])
 
 
+@pytest.mark.long
 def test_vehicles_can_have_individual_seeds_and_resets():
     envs = envs_of(4, autoreset_mode=AutoresetMode.DISABLED)
     whole, _ = envs.reset(seed=[7, 8, 20, 21])
@@ -169,6 +170,7 @@ def test_episodes_without_a_seed_get_a_random_seed():
     np.testing.assert_array_equal(second.reset()[0], other.reset()[0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_vehicles_reset_according_to_the_autoreset_mode(mode):
     """In both modes, episodes have the same first and last observations and the same rewards."""

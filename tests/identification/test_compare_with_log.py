@@ -59,7 +59,7 @@ def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
     assert "nan" not in printed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(compare, monkeypatch):
     """The true thrust factor predicts better than the one on the data sheet, even with the initial noise."""
     monkeypatch.setattr(prediction, "fit", lambda predictor, parameters, noise: SimpleNamespace(noise=noise))

@@ -231,6 +231,7 @@ def test_a_command_is_compared_with_signals_that_lag_by_up_to_half_a_second(dela
         np.testing.assert_allclose(pair.disagreement(), expected, atol=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["position", "velocity", "attitude", "body_rates", "specific_force"])
 def test_each_wrong_sign_is_named(name):
     axes = ("roll", "pitch", "yaw") if name == "attitude" else ("x", "y", "z")

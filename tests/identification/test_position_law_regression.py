@@ -465,7 +465,7 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch
         assert each.explained_variance > 0.999
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_axis_is_refused_if_no_law_explains_its_command(monkeypatch):
     piece = scaled(flown(seconds=3.0, noise=0.02), 1.0, 1.0, 1.0, noise=3.0)
     found = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))

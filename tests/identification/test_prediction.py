@@ -148,7 +148,7 @@ def test_the_estimated_disturbance_compensates_a_wrong_thrust(predictions):
     assert predictions.better("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("horizon", [0.1, 0.5])
 def test_ten_percent_more_thrust_accelerates_upwards_by_a_tenth_of_gravity(predictions, horizon):
     """The rotors already follow the commands at the start, so the additional thrust acts at once."""

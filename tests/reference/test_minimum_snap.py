@@ -335,7 +335,7 @@ def other_cost(trajectory, times):
     return np.einsum("n,w,nwa,nwa->", half, weights, snap, snap)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_another_planner_finds_the_same_cost_and_optimised_times_reduce_it():
     for seed in range(100):
         rng = np.random.default_rng(seed)

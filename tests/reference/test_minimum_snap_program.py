@@ -46,7 +46,7 @@ def random_route(seed, segments):
     return np.cumsum(rng.normal(size=(segments + 1, 3)), axis=0), rng.uniform(1.0, 2.5, segments)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
 @example(999999999, 9, 0.8623080172107366)  # infeasible, but the solver cannot prove it
 @settings(max_examples=30, deadline=None)

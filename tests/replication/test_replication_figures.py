@@ -61,7 +61,7 @@ def legend_of(figure):
     return dict(zip((text.get_text() for text in legend.texts), legend.legend_handles, strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_figures_are_in_the_order_of_the_report(found, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
     drawn = dict(figures.paper_figures(found, every))

@@ -205,7 +205,7 @@ EVERY_SENSOR = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_readings_of_all_kinds_of_sensors_agree_in_wired_compiled_and_fleet_flights(asymmetric):
     sensors = f"laboratory.sensors={json.dumps(EVERY_SENSOR)}"
     drawn = asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.5", sensors)
@@ -368,6 +368,7 @@ def test_sensors_do_not_change_linear_models():
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("layer", [name for name in shipped_scenarios() if name.startswith("sensors/")])
 def test_shipped_sensors_measure_hover_within_the_errors_of_their_data_sheets(layer):
     """The flight is a sample, so the biases of a layer are drawn. White noise is below six standard deviations."""

@@ -218,7 +218,7 @@ def test_a_user_s_effect_flies_wired_and_compiled(ceiling_effect):
         assert flight.record("state").v_z[1] == pytest.approx(0.02 * gained, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
     EFFECTS.remove("ceiling")
     before = load_scenario("hover")

@@ -94,6 +94,7 @@ def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
     assert find_passage(regions, [looked_at], places, [shut]) is None
 
 
+@pytest.mark.long
 def test_the_message_names_all_obstacles_that_must_be_removed():
     """Only the removal of all three consecutive walls opens a route. A box next to them is not named."""
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]

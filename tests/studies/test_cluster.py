@@ -160,7 +160,7 @@ def test_a_search_on_a_cluster_has_the_flights_of_a_local_search(cluster, tmp_pa
     assert there.read_bytes() == here.read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_in_the_client_loop_are_not_logged(cluster):
     """Ctrl-C in Dask's `sync` raises an exception in its event loop, which must not be printed."""
     script = f"""
@@ -272,6 +272,7 @@ def test_a_result_lost_with_its_worker_is_computed_again():
     assert outcome.result == "rows"
 
 
+@pytest.mark.long
 def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
     for name in ("_REQUEST_PERIOD", "_MAX_TIME_WITHOUT_WORKERS"):
         monkeypatch.setattr(cluster_module, name, 0.0)

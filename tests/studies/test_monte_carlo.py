@@ -88,7 +88,7 @@ def test_results_do_not_depend_on_batches_and_workers(whole, options, tmp_path):
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_user_s_wind_blows_in_every_worker():
     scenario = simple()
     found = run_monte_carlo(scenario, 4, 5, num_workers=2, batch_size=2, wind=Draught)
@@ -105,7 +105,7 @@ def test_a_function_that_workers_cannot_import_is_refused_before_anything_is_wri
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_results_do_not_depend_on_the_executor(whole):
     with ThreadPoolExecutor(2) as executor:
         assert_same(run(executor=executor), whole[1])
@@ -232,7 +232,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     assert not found.failures
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("how", "reason"),
     [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],

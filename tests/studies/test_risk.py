@@ -30,7 +30,7 @@ def test_a_probability_agrees_with_plain_sampling(scenario, risk):
     assert risk.probability.low < frequency < risk.probability.high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_worst_samples_fly_again_with_the_same_metric(risk):
     values = sorted((run.performance.max() for run in risk.runs), reverse=True)
     assert len(risk.scenarios) == 3
@@ -46,7 +46,7 @@ def test_the_important_random_number_is_named_first(risk):
     assert risk.num_flights == sum(run.num_evaluations for run in risk.runs)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_seed_repeats_an_estimate_with_any_noise_period(scenario, risk):
     options = {"size": 500, "half_width": 10.0}
     again = estimate_risk(scenario, Event("peak_error", 1.0, PEAK_ERROR_BOUND), noise_period=0.3, **options)
@@ -58,7 +58,7 @@ def test_the_same_seed_repeats_an_estimate_with_any_noise_period(scenario, risk)
     assert risk.probability.low < other.probability.high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scenario):
     limited = estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, half_width=1e-3, max_flights=8000)
     assert not limited.is_precise

@@ -119,6 +119,7 @@ def test_a_user_s_controller_gives_each_sample_its_result_of_a_single_flight():
     assert not found.failures
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("controller", "words"),
     [
@@ -142,13 +143,13 @@ def test_a_system_whose_code_fails_is_refused_with_its_file_and_line(tmp_path):
     assert not (tmp_path / "study").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_code_that_fails_after_the_trial_fails_its_batch_but_not_the_study():
     found = run(position_controller=functools.partial(Raises, largest=3))
     assert not found.failures
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_system_that_mixes_vehicles_may_fly_one_vehicle():
     assert not run(position_controller=Mixes, batch_size=1).failures
 
@@ -176,7 +177,7 @@ def run_interruptible(**options):
     run(**options)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     file, folder = tmp_path / "hangs", tmp_path / "study"
     maker = functools.partial(Hangs, file=file)

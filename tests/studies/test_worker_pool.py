@@ -200,6 +200,7 @@ def test_abandoned_tasks_of_an_executor_are_cancelled():
     assert done == [1, 3]
 
 
+@pytest.mark.long
 def test_abandoned_tasks_have_no_outcome():
     """A study that ends early leaves no outcomes for the next study with the same processes."""
     with Workers(2) as workers:

@@ -57,7 +57,7 @@ def test_panels_of_flights_and_networks_share_their_axes(hover, learned):
     shared(learning_plots.plot_secant_gains(learned), 1, 2, x="", y="all")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_panels_of_designs_and_logs_share_their_axes(design, panels, compared):  # noqa: F811
     shared(design_plots.plot_bode(design), 2, 2, x="col", y="row")
     found, first, second, *_ = panels
@@ -137,7 +137,7 @@ def test_a_plan_fills_its_page_and_has_the_clearance_of_its_obstacles():
     assert len(profiles) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_star_marks_the_gains_of_the_scenario_if_they_are_on_the_map(panels):  # noqa: F811
     found, first, second, *_ = panels
     k_p, k_d = (first[0], first[-1]), (second[0], second[-1])

@@ -61,7 +61,7 @@ def at(flight, moments):
     return flight["state"][np.searchsorted(flight.time, np.array(moments) - 1e-9), 0:3]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_a_replay_plays_in_a_browser(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
@@ -81,7 +81,7 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_a_replay_can_be_opened_at_a_given_time(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
@@ -175,7 +175,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
         assert browser.console == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
     page = save_replay({"first": flight, "second": flight}, tmp_path / "replay.html")
@@ -233,7 +233,7 @@ def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
     assert 2.3e6 + 3.2 * (swarm.stat().st_size - 2.3e6) < 12e6
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
     flight = simulate(load_scenario("diagrams/outdoor.yaml", ["duration=1"]))
     flight["state"][-10:] = np.nan

@@ -59,7 +59,7 @@ def test_page_data_contain_only_numbers_that_json_allows(hover):
         page_data({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 def test_a_page_names_obstacles_and_the_one_crashed_into(crash, tmp_path):
     page = save_replay({"one": crash}, tmp_path / "replay.html")

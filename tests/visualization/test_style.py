@@ -21,7 +21,7 @@ def drawn():
         return figure
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("vector", get_args(Vector))
 def test_a_requested_vector_drawing_is_written_reproducibly(vector, tmp_path):
     files = save_figures({"line": drawn()}, tmp_path, vector=vector)

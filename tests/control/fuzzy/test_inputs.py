@@ -78,7 +78,7 @@ def test_the_phase_has_a_derivative_with_respect_to_time():
     assert route_phase(time, (1.0, 4.0, 6.0)).derivatives() == pytest.approx([0.5])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_network_with_phase_input_flies_equally_compiled_and_uncompiled(diagrams):
     """A lap takes a third of a second, and each set learns only in its part of the lap."""
     scenario = load_scenario(

@@ -135,7 +135,7 @@ def signals_at(t):
     return firing, math.sin(0.9 * t) + 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_sampled_law_converges_to_the_differential_equations():
     """An integrator of order 8 solves eqs (16) and (17). Half the period gives half the error."""
     gain, initial, duration = 0.7, 20.0, 4.0
@@ -237,7 +237,7 @@ def test_weights_stay_within_the_learning_limits():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
     """The error falls as t^(-K_D λ / k_P) for one rule with firing strength 1, because P = 1 / t."""
     k_p, k_d, slope, gain, h, disturbance = 2.0, 2.5, 1.0, 1.5, 0.02, 0.4

@@ -174,7 +174,7 @@ def test_reversing_the_sign_in_eq_14_increases_the_error():
     assert errors[1.0] < 0.05 < 0.5 / 1.4 < errors[-1.0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("laboratory", ["nominal", "low_wind"])
 def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, laboratory):
     """The error falls by 43 % in at least 95 of 100 samples, and none crashes."""
@@ -197,7 +197,7 @@ def test_a_sample_has_the_same_error_in_a_single_flight_and_in_a_fleet(scenario_
     assert fleet.rmse[1] == pytest.approx(alone.rmse, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "learning",
     [

@@ -198,7 +198,7 @@ def test_a_user_defined_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
         np.testing.assert_allclose(flights[0][signal][1:], flights[1][signal][1:], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_user_defined_wind_is_added_to_the_scenario_wind_in_single_flights_and_fleets(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
