@@ -334,6 +334,7 @@ def evaluate_everything(system, context):
         Simulator_[system.scalar](system, context.Clone()).AdvanceTo(system.updates[0].period)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scalar", [float, AutoDiffXd], ids=["float", "autodiff"])
 @examples
 def test_an_unconnected_input_is_either_optional_or_named_in_the_error(example, scalar):

@@ -50,7 +50,7 @@ def test_every_vehicle_except_the_paper_s_has_a_bad_day_scenario():
     assert shipped == {f"bad_day:{name}" for name in others}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", MAX_RMSE)
 def test_a_vehicle_flies_with_gains_designed_for_it(name):
     scenario = load_undesigned(FOLDER / f"{name}.yaml")

@@ -206,6 +206,7 @@ def test_a_time_step_that_is_too_long_for_the_swing_of_a_load_is_refused(asymmet
         recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 - 1e-9) * min_length!r}}}"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("event", ["picked_up", "dropped"])
 def test_velocity_is_continuous_when_a_payload_is_picked_up_or_dropped(asymmetric, event):
     """The vehicle starts trimmed with its load, and the commanded thrust does not change at the event."""

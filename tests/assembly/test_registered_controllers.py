@@ -110,7 +110,7 @@ def test_a_registered_control_replaces_the_whole_cascade() -> None:
     assert scenario.control.contains_user_system()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_parameters_of_a_registered_formula_are_fields_that_may_be_distributions() -> None:
     kind = register_controller(Formula)
     registered = simulate(with_position(kind, "control.position.k_p=2.0"))
@@ -128,7 +128,7 @@ def test_parameters_of_a_registered_formula_are_fields_that_may_be_distributions
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_registered_formula_has_a_linear_model_and_margins() -> None:
     kind = register_controller(Formula)
     scenario = load_scenario(
@@ -192,7 +192,7 @@ class CountingController(Plain):
         output.SetFromVector(np.full(output.size(), 1e-3 * self.calls))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_refuses_a_registered_controller_that_keeps_state_in_its_python_object() -> None:
     scenario = with_position(register_controller(CountingController), RANDOM_MASS)
     with pytest.raises(InputError, match="must store all state in Drake's context, not in Python objects"):

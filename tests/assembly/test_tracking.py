@@ -111,7 +111,7 @@ def test_asymmetric_vehicles_with_a_time_step_and_with_a_continuous_state_agree_
         np.testing.assert_allclose(stepping["state"][:, rows], continuous["state"][:, rows], rtol=0.0, atol=tolerance)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle(figure_eight):
     """Flights agree to 1e-9 m, even if another vehicle in the fleet has different gains and crashes."""
     scenario = figure_eight("crash.position_error=0.5")

@@ -74,7 +74,7 @@ def test_fly_refuses_an_invalid_layout_in_one_sentence(run, tmp_path, layout, wo
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_fly_saves_the_learned_weights_of_a_network_for_another_flight(run, tmp_path):
     file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
@@ -88,7 +88,7 @@ def test_fly_saves_the_learned_weights_of_a_network_for_another_flight(run, tmp_
     assert "--save-network requires a scenario with a network" in refused.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_fly_simulates_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
@@ -146,7 +146,7 @@ def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, wo
     assert not output.exists() or not any(path.is_file() for path in output.rglob("*"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown(run, tmp_path):
     course = tmp_path / "course.csv"
@@ -376,7 +376,7 @@ def test_map_varies_the_gains_on_board_if_an_autopilot_controls_the_attitude(run
     assert [row.split(",")[:3] for row in rows[2:4]] == [["4", "15", "1"], ["22", "5", "0"]]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("unrendered_figures")
 def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
     """A warning about the logarithm of zero would fail the test."""
@@ -544,7 +544,7 @@ def test_study_prints_the_statistics_of_its_samples(run, tmp_path):
     assert again.stdout.splitlines()[-1] == "all samples had already been flown"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_study_names_correlated_random_parameters(run, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"

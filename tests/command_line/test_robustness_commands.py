@@ -30,7 +30,7 @@ def test_risk_prints_the_probability_and_writes_scenarios_that_fly(run, tmp_path
     assert f"drake-quad fly {tmp_path / 'worst_1.yaml'}" in result.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_falsify_prints_the_worst_case_beside_the_nominal_one(run, tmp_path):
     result = run("falsify", *HOVER, "--flights", "500", "--noise", "1", "--output", tmp_path)
     assert result.returncode == 0

@@ -29,6 +29,7 @@ def restart_vehicles(fleet, diagram, vehicles):
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
 
+@pytest.mark.long
 def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehicles(windy_scenario):
     """The scenario has wind and noise, and some vehicles restart while others continue."""
     n, plan = LANES + 3, plan_route(windy_scenario)

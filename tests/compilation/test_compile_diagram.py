@@ -133,7 +133,7 @@ def test_a_compiled_diagram_can_replace_a_subsystem_of_a_larger_one():
         assert_alike(logs[1][name], expected, name)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_compiled_diagram_has_the_inputs_of_the_original():
     """The order of the ports does not depend on which input is used first."""
     for function in (build_laboratory, build_wind):

@@ -44,7 +44,7 @@ def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, pl
     assert_metrics_alike(actual, part(wired, samples))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 9, 40])
 def test_a_recorded_fleet_of_any_size_has_the_signals_of_the_uncompiled_diagram(study, plan, n):
     assert_flown_alike(Batch.draw(study, range(3, 3 + n)), plan=plan)

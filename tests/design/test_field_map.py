@@ -30,7 +30,7 @@ def ranges(roll=3.0, rate=8.0):
     return [f"{path}={{uniform: {{min: {-end}, max: {end}}}}}" for path, end in ((ROLL, roll), (RATE, rate))]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_cell_is_a_flight_with_the_other_random_fields_at_their_medians():
     found = field_map(thrown(ranges()), ROLL, RATE, size=3)
     np.testing.assert_allclose(found.x, [-2.0, 0.0, 2.0], atol=1e-12)

@@ -234,7 +234,7 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
     assert vertical <= limits.acceleration
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("best_delay", [1, 2])
 @pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
 def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_axis(

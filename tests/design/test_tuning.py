@@ -33,7 +33,7 @@ def laboratory(diagrams):
     return load_scenario(diagrams / "laboratory.yaml:low_wind", ["duration=2", "control.position.k_p=[9, 9, 6.14]"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
     result = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(2.0), budget=budget)
@@ -48,7 +48,7 @@ def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
         assert result.error < 1.02 * float(other.rmse.mean())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laboratory):
     result = tune(
         [laboratory],

@@ -196,6 +196,7 @@ def test_an_attitude_controller_has_no_mixer(tmp_path):
         export_controller(load_scenario("onboard"), tmp_path, mixer=True)
 
 
+@pytest.mark.long
 @needs_compiler
 def test_the_reference_in_c_is_the_reference_of_the_plan(tmp_path):
     scenario = load_scenario("figure_eight", ["control.position.feed_forward=snap"])

@@ -218,7 +218,7 @@ def test_the_px4_project_commands_only_in_offboard_mode_and_then_starts_anew(tmp
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_px4_project_requests_no_offboard_mode_without_valid_estimates(tmp_path):
     _, project = exported(tmp_path, "px4", WRENCH)
     library = px4_library(project)

@@ -190,7 +190,7 @@ def test_a_context_is_completely_reset_after_a_flight(scenario):
     np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
     study = scenario(controller="pd")
     whole = StudyFleet(study, plan_route(study), 70).fly(range(70))
@@ -223,6 +223,7 @@ def high_gain_controller(num_vehicles):
     return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, parameters=gains))
 
 
+@pytest.mark.long
 def test_a_fleet_can_fly_with_a_user_defined_controller(scenario):
     study = scenario()
     fleet = StudyFleet(study, plan_route(study), 2, user_systems=UserSystems(position_controller=high_gain_controller))

@@ -74,6 +74,7 @@ def test_a_later_batch_has_the_same_results_as_a_first_batch(scenario, kind):
     assert_metrics_alike(StudyFleet(study, plan, 4, compiled=False).fly(range(4)), first)
 
 
+@pytest.mark.long
 @for_each_autopilot
 def test_a_flight_with_an_autopilot_starts_in_hover_at_any_heading(scenario, kind):
     """Nothing moves before the first packet, since the initial target has the heading of the hovering vehicle."""

@@ -39,7 +39,7 @@ def settled(diagrams):
     return settle
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_steady_wind_causes_no_error_under_indi_and_a_known_fraction_of_the_pd_error_under_l1(settled):
     """The command u at rest compensates the disturbance, and the error under a PD alone is u / k_P.
 

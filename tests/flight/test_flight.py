@@ -316,7 +316,7 @@ def test_a_user_defined_wind_may_be_a_leaf_system_or_a_fleet_system(diagrams):
     np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_forces_on_a_continuous_state_jump_at_the_exact_instant(diagrams):
     """A rotor fails between two ticks, and a vehicle drops its load between two ticks."""
     instant = 0.287654321

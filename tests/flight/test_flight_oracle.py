@@ -315,7 +315,7 @@ def test_signals_of_the_long_flights_take_both_signs_and_reach_their_limits(flig
             assert sets.scale * flight[signal].max() > sets.centres[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in FLIGHTS if "too weak" in name])
 def test_weak_rotors_reduce_each_part_of_the_wrench_at_some_ticks(flight_named, name):
     is_cut = flight_named(name)["shortfall"] != 0.0

@@ -103,7 +103,7 @@ def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
     assert np.all(np.abs(axis_errors(error) - np.hypot(*linear)) < 2.0 * half_widths(error))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
     """Products of noise terms and lost packets disturb the vehicle. Products also lengthen the thrust vector."""
     layer = "designed/laboratory.yaml:indi"

@@ -59,7 +59,7 @@ def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
     late = "laboratory.motion_capture.latency_frames=5", "duration=8"
     assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *late)) < 0.06
@@ -108,7 +108,7 @@ def test_a_network_around_the_regulator_causes_no_algebraic_loop():
     assert builder.Build().num_output_ports() == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("correction_fraction", "learned_fraction"), [(0.6, 0.6), (0.5, 0.2)])
 def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(correction_fraction, learned_fraction):
     """A steady wind v causes the acceleration c v / m. The filter subtracts the learned part, not the correction."""

@@ -20,7 +20,7 @@ def test_the_number_of_episodes_in_memory_is_bounded(n, most):
         assert 2 * n <= math.prod(rows.shape[:2]) <= most
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkeypatch):
     """Further episodes of this vehicle are computed on demand, while other vehicles still have unused episodes."""
     scenario = environment_scenario("robustness")

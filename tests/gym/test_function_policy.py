@@ -40,6 +40,7 @@ def test_a_function_policy_has_the_same_flights_in_environments_and_studies():
     np.testing.assert_allclose(study.metrics.rmse[[0, 4]], [expected[0], single.metrics.rmse], rtol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "action",
     [
@@ -59,7 +60,7 @@ def test_actions_of_wrong_shape_or_type_are_refused(action):
         FunctionPolicy(load_scenario("hover"), act)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (-np.inf, "infinite")])
 @pytest.mark.parametrize(("kind", "rows"), [("acceleration", 3), ("attitude", 4), ("rates", 4), ("rotor_speeds", 4)])
 def test_an_action_that_is_not_finite_ends_the_flight_at_its_tick(kind, rows, value, word):

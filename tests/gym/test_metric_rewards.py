@@ -136,6 +136,7 @@ def test_metrics_that_cannot_be_part_of_a_reward_are_refused(make, words):
         make()
 
 
+@pytest.mark.long
 def test_an_infinite_metric_can_be_read_but_cannot_be_part_of_the_reward():
     """A settling time is infinite until the vehicle has settled."""
     settling = {"settling_time": {"radius": 1e-9}}

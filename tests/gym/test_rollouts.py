@@ -74,6 +74,7 @@ def test_a_complete_episode_is_replayed_to_its_last_tick():
     np.testing.assert_allclose(env.flight()["action"][:10, 2], 0.05 * np.arange(10))
 
 
+@pytest.mark.long
 def test_rendered_frames_show_the_vehicle_at_its_position():
     overrides = {"space.obstacles.pillar": {"kind": "cylinder", "centre": [1.5, 0, 1], "radius": 0.2, "height": 2}}
     envs = QuadrotorVectorEnv("figure_eight", overrides, num_envs=2, render_mode="rgb_array")

@@ -9,7 +9,7 @@ from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.reference.plan import Plan
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_single_environment_equals_a_vector_environment_with_one_vehicle():
     task = {"duration": 0.1}
     single = QuadrotorEnv("hover", task, render_mode="rgb_array")

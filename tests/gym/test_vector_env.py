@@ -272,6 +272,7 @@ def test_an_environment_keeps_attitude_control_and_the_limits_of_thrust_vectorin
     assert QuadrotorVectorEnv(scenario, action="rotor_speeds").scenario.control.attitude is None
 
 
+@pytest.mark.long
 def test_environments_pass_the_checks_of_gymnasium():
     with pytest.warns(UserWarning, match="infinity|spec"):
         check_env(QuadrotorEnv("robustness", TASK["overrides"], action="rates", render_mode="rgb_array"))

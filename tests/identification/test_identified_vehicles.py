@@ -45,7 +45,7 @@ def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, flo
     return {name: (error, reach) for name, (error, reach) in off.items() if abs(error) > reach}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> None:
     """The errors have unit variance and no autocorrelation.
 

@@ -264,6 +264,7 @@ def test_each_wrong_unit_is_named(name, factor, words):
     assert remark.endswith(f": {name} looks as if {words}")
 
 
+@pytest.mark.long
 def test_each_wrong_frame_is_named():
     clean = flight()
     to_world = rotation_matrices(clean["attitude"]).apply
@@ -570,6 +571,7 @@ def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, 
         assert len(pair.expected) == windows - found
 
 
+@pytest.mark.long
 def test_signals_that_agree_along_one_axis_do_not_contradict_each_other():
     """A single axis may disagree for another reason, such as noise of the yaw."""
     clean = flight()

@@ -114,7 +114,7 @@ def others(tmp_path_factory):
     return dict(zip(OTHER_FORMATS, [ARDUPILOT, BLACKBOX, OLD_CRAZYFLIE, mat.getvalue(), *bags], strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", OTHER_FORMATS)
 @functools.partial(fuzz, cases=max(NUM_CASES // 4, 10))
 @given(data=st.data())
@@ -161,7 +161,7 @@ YAML_VALUES = st.recursive(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @fuzz
 @given(
     signals=st.dictionaries(st.sampled_from(["position", "attitude", "motor_command", "wind"]), YAML_VALUES),

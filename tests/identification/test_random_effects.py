@@ -175,6 +175,7 @@ def test_the_weighted_sum_of_squares_equals_its_degrees_of_freedom() -> None:
     assert np.sum(weights * (estimates - mean) ** 2) == pytest.approx(5.0)
 
 
+@pytest.mark.long
 def test_random_scatter_is_seldom_taken_for_variation() -> None:
     """The significance level is ten per cent."""
     rng = np.random.default_rng(0)

@@ -344,6 +344,7 @@ def test_the_vehicle_flies_in_a_laboratory(loop):
     assert metrics.rmse < 0.4
 
 
+@pytest.mark.long
 def test_a_study_draws_from_its_distributions(loop, vehicle):
     study = run_monte_carlo(load_scenario(loop), 40, 2, num_workers=1)
     assert (study.failures, study.metrics.crashed.any()) == ({}, np.False_)

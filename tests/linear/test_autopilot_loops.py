@@ -56,7 +56,7 @@ def onboard(diagrams):
     return lambda *overrides: load_scenario(diagrams / "onboard.yaml", overrides)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
 @pytest.mark.parametrize("overrides", [[], IMPERFECT_OVERRIDES])
 def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, kind, overrides):

@@ -53,6 +53,7 @@ def test_thrust_and_yaw_loops_have_their_designed_margins(laboratory):
         np.testing.assert_allclose(margins_by_signal[name], designed.loops[axis].margins, rtol=1e-4)
 
 
+@pytest.mark.long
 def test_the_joint_disk_margin_of_decoupled_loops_is_the_smallest_one(laboratory):
     scenario = nominal_hover(laboratory())
     smallest = min(margins.disk for margins in link_margins(scenario).values())
@@ -122,6 +123,7 @@ def margins_of(laboratory):
     return functools.cache(lambda controller: link_margins(laboratory(controller)))
 
 
+@pytest.mark.long
 def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, margins_of):
     """In hover no limit is active, with or without a corridor."""
     lqg = laboratory("lqg.yaml:lqg")
@@ -150,6 +152,7 @@ def test_fast_margins_include_loops_with_a_crossover_below_half_a_radian_per_sec
     assert fast.delay[0] == pytest.approx(exact.delay, rel=2e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("controller", CONTROLLER_FILES)
 def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_of, controller):
     margins_by_signal = margins_of(controller)
@@ -160,6 +163,7 @@ def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_o
         assert any(grows(scenario, row, 12.0) for row in ("y", "z", "yaw")) == diverges
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("controller", "signal", "side"),
     [

@@ -65,6 +65,7 @@ def test_plans_with_every_timing_keep_clearance_and_speed_and_acceleration_limit
         assert peak_norm(plan.path, 2) <= 2.0 + 1e-9
 
 
+@pytest.mark.long
 def test_the_yaw_equals_the_given_yaw_at_each_waypoint(room):
     waypoints = (
         "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
@@ -151,12 +152,14 @@ def test_the_error_for_an_impossible_plan_gives_the_reason(room, overrides, mess
         plan_route(room("route.times=heuristic", *overrides))
 
 
+@pytest.mark.long
 def test_a_plan_around_obstacles_is_cached(room):
     assert plan_route_with_problem(room("route.times=heuristic")) is plan_route_with_problem(
         room("route.times=heuristic")
     )
 
 
+@pytest.mark.long
 def test_a_smaller_margin_makes_the_flight_faster(room):
     # The margin is 0.1 m because other tests use the same plan, which is cached.
     plan_with_margin, plan_without_margin = (

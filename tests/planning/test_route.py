@@ -87,7 +87,7 @@ def test_a_saved_plan_gives_the_same_flight_as_the_original_plan(slalom, diagram
     np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_plan_created_in_python_can_be_flown(slalom, diagrams):
     scenario = load_scenario(diagrams / "slalom.yaml", ["duration=6", "route.heading=constant"])
     plan = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))

@@ -205,7 +205,7 @@ def test_repeating_a_contact_does_not_change_the_path():
     np.testing.assert_allclose(twice.cost_gradient(), once.cost_gradient(), rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):

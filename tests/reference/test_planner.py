@@ -244,7 +244,7 @@ def test_merged_waypoints_keep_their_corridors_and_derivatives():
     np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     with pytest.raises(InputError) as error:

@@ -24,7 +24,7 @@ def random_path(seed, segments=6):
     return minimum_snap(waypoints, np.cumsum(rng.uniform(0.4, 2.0, segments + 1)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(0, 4))
 @settings(max_examples=60, deadline=None)
 def test_peak_norm_is_never_below_a_dense_sample_and_is_attained(seed, segments, order):

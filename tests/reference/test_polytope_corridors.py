@@ -106,6 +106,7 @@ def test_the_error_for_a_waypoint_outside_a_polytope_gives_the_distance():
         PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("segments", "timing"), [(25, HeuristicTiming()), (10, MinimumTimeTiming())], ids=["25 heuristic", "10 shortest"]
 )

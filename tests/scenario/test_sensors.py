@@ -128,7 +128,7 @@ def test_sensor_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, s
     assert (second[2:-1:2] != second[3::2]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
     """The initial readings are not compared, since they are computed with the elementary functions of NumPy."""
     drawn = load_scenario("figure_eight", [SENSORS_OVERRIDE, "duration=0.5"])
@@ -292,7 +292,7 @@ def test_readings_of_a_user_s_sensor_are_recorded_and_read(altimeter, tmp_path):
     assert {"/own/signals/altimeter"} <= {message.topic for message in flight_messages("own", again, 0)}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_user_s_sensor_is_part_of_the_language_while_it_is_registered(altimeter):
     assert "AltimeterSettings" in file_schema()["$defs"]
     assert "| `deviation` |" in language_page()

@@ -250,7 +250,7 @@ def test_a_user_s_position_controller_flies_wired_and_in_compiled_fleets(sliding
     assert_flown_alike(Batch.draw(figure_eight_with(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     assert "SlidingPosition" in file_schema()["$defs"]
     assert "| `slope` |" in language_page()

@@ -183,7 +183,7 @@ def test_steady_winds_add_up():
     assert steady_wind(()) == Wind(0.0, 0.0, 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_a_command_imports_a_user_s_wind(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"

@@ -58,6 +58,7 @@ def test_all_intervals_of_a_probability_contain_it_in_95_percent_of_studies(prob
     assert ordinary < covered
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("draw", "mean"),
     [

@@ -26,7 +26,7 @@ def found(scenario):
     return find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_worst_case_is_worse_than_random_samples_within_the_same_limits(scenario, found):
     random = run_monte_carlo(scenario, 4 * MIN_FLIGHTS, num_workers=1).metrics.peak_error
     assert found.value > random.max()
@@ -58,7 +58,7 @@ def test_a_requirement_is_minimised(scenario):
     assert found.value == pytest.approx(0.1 - simulate(found.scenario, compiled=True).metrics.peak_error, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_early_crash_is_the_worst_case():
     scenario = load_scenario("hover", ["duration=0.6", *DISTRIBUTIONS, "crash.position_error=0.05"])
     found = find_worst_case(scenario, "rmse", max_flights=4 * MIN_FLIGHTS, num_noise=1)

@@ -129,7 +129,7 @@ def test_a_study_read_from_its_folder_equals_the_flown_one(whole):
     assert whole[1].simulated_time == pytest.approx(whole[1].flight_time.sum())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_resumed_study_can_have_more_samples(whole, tmp_path):
     seen = []
     run(tmp_path, num_samples=9)
@@ -193,7 +193,7 @@ def _within_a_minute(condition):
     return condition()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
     def interrupt(done, total):
         if 0 < done < total:
@@ -406,7 +406,7 @@ def test_a_results_file_that_is_not_a_study_is_not_resumed(tmp_path):
     assert (tmp_path / "results.csv").read_text() == "time,x\n0,1\n"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, monkeypatch):
     """The disk is full in the middle of a study."""
     from drake_quad.studies.results_file import ResultsFile
@@ -682,6 +682,7 @@ def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, 
     assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
 
 
+@pytest.mark.long
 def test_designed_draws_do_not_change_wind_and_noise():
     """The drawn field has no effect, so the flights equal those with independent draws."""
     harmless = load_scenario(

@@ -149,6 +149,7 @@ def test_results_are_equal_for_any_number_of_workers_and_after_an_interruption(s
     assert contents[0] == contents[1]
 
 
+@pytest.mark.long
 def test_metrics_do_not_depend_on_the_workers(scenario):
     here = Evaluator(scenario, num_vehicles=4, noise_period=0.05)
     noise = np.arange(2 * len(POINTS)).reshape(-1, 2)

@@ -183,6 +183,7 @@ def drawn_map(panels, first, second, marked=(3.0, 2.0)):
     return map_plots.plot_map(panels, first, second, labels=("k_P (1/s²)", "k_D (1/s)"), marked=marked, loop="position")
 
 
+@pytest.mark.long
 def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     found, first, second, rmse, crashed = panels
     figure = drawn_map(found, first, second)

@@ -179,7 +179,7 @@ def test_the_overview_of_a_flight_has_four_panels(flight, crash):
     assert axes["rotors"].get_xlabel() == "time (s)"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
     """A flight without wind has no plot of the wind, and a flight without a network has no plots of the learning."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])

@@ -109,7 +109,7 @@ def test_leg_numbers_are_in_the_middle_of_the_flown_part():
         assert (second.get_x(), second.get_x() + second.get_width()) == pytest.approx(ends[1:3])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_view_of_a_hover_spans_half_a_metre(hover):
     _, plane = plots.plot_path(hover).axes
     plane.figure.draw_without_rendering()

@@ -78,6 +78,7 @@ def test_membership_slopes_are_finite_at_centre_and_edge_and_zero_outside_a_set(
     np.testing.assert_allclose([membership_derivatives(u, 1.0)[0] for u in (0.0, 0.5, 0.9)], -1.0, rtol=1e-12)
 
 
+@pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.01, 1e3))
 def test_adapted_sets_stay_valid_for_any_learning_signal(seed, size):

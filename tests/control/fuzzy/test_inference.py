@@ -59,7 +59,7 @@ def pyit2fls_network(antecedents, weights):
     return network
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(upper_exponents, lower_exponents, weights_of_lower, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
 def test_inference_matches_pyit2fls(a1, a2, q, error, rate, seed):

@@ -106,7 +106,7 @@ def test_a_tick_of_the_covariance_law_matches_the_matrix_equations(n, size):
     np.testing.assert_allclose(learner.weights, -0.8 * signal * g * np.log1p(TICK * c) / c, rtol=1e-11, atol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("initial", "n"), [(1e-2, 5), (1.0, 5), (1.0, 100), (1e2, 5), (1e4, 5), (1e6, 5)], ids=lambda value: f"{value:g}"
 )

@@ -104,7 +104,7 @@ def excess(values):
     return np.maximum(values, 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
 def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states(kind):
     """Each limit applies at its tick, and the slack variables add their cost."""
