@@ -241,6 +241,29 @@ class AngularAcceleration(NamedTuple):
     r: BodyAccelerationB
 
 
+class EstimateDeviation(NamedTuple):
+    """Standard deviations of the errors of an estimated state, and of the estimated biases of the inertial sensors.
+
+    The error of the attitude is a rotation about the axes of W.
+    """
+
+    x: PositionW
+    y: PositionW
+    z: PositionW
+    v_x: VelocityW
+    v_y: VelocityW
+    v_z: VelocityW
+    rotation_x: Annotated[Row, Quantity("rad", "W")]
+    rotation_y: Annotated[Row, Quantity("rad", "W")]
+    rotation_z: Annotated[Row, Quantity("rad", "W")]
+    gyroscope_x: BodyRateB
+    gyroscope_y: BodyRateB
+    gyroscope_z: BodyRateB
+    accelerometer_x: AccelerationB
+    accelerometer_y: AccelerationB
+    accelerometer_z: AccelerationB
+
+
 class Crashed(NamedTuple):
     """Crash indicator: 1 if the vehicle has crashed, else 0."""
 
@@ -268,6 +291,8 @@ Antecedents = tuple[Number, ...]
 # Signals of a policy have one row per observation or per action.
 Observation = tuple[Number, ...]
 Action = tuple[Number, ...]
+# Normalised innovations of the scalar measurements of a Kalman filter.
+Innovation = tuple[Number, ...]
 # The future reference has three rows (X, Y and Z) per future time.
 FutureReference = tuple[PositionW, ...]
 
@@ -336,6 +361,8 @@ SIGNALS |= {
     "body_rate_command": BodyRates,
     "attitude_target": AttitudeTarget,
     "angular_acceleration_command": AngularAcceleration,
+    "estimate_deviation": EstimateDeviation,
+    "innovation": Innovation,
     "crashed": Crashed,
     "crash_time": CrashTime,
     "firing": Firing,

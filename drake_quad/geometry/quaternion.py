@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from drake_quad.framework.elementary import arctan2, sin_cos, sqrt, where
-from drake_quad.geometry.axes import TINY, BodyAxes, Vector
+from drake_quad.geometry.axes import TINY, BodyAxes, Vector, length, times
 from drake_quad.signals import Angle, BodyRates, Number
 
 
@@ -25,6 +25,30 @@ class Quaternion(NamedTuple):
             c_r * s_p * c_y + s_r * c_p * s_y,
             c_r * c_p * s_y - s_r * s_p * c_y,
         )
+
+    @classmethod
+    def of_rotation(cls, vector: Vector) -> "Quaternion":
+        """Return the rotation by a rotation vector, rad."""
+        angle = length(vector)
+        sine, cosine = sin_cos(0.5 * angle)
+        return cls(cosine, *times(sine / angle, vector))
+
+    def times(self, other: "Quaternion") -> "Quaternion":
+        """Return the product, which is the rotation by `other` followed by this rotation."""
+        w, x, y, z = self
+        return Quaternion(
+            w * other.w - x * other.x - y * other.y - z * other.z,
+            w * other.x + x * other.w + y * other.z - z * other.y,
+            w * other.y - x * other.z + y * other.w + z * other.x,
+            w * other.z + x * other.y - y * other.x + z * other.w,
+        )
+
+    def normalised(self) -> "Quaternion":
+        """Return a unit quaternion, given a quaternion whose length deviates from 1 by rounding errors."""
+        w, x, y, z = self
+        # This step of Newton's method for the inverse length squares the relative error.
+        factor = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
+        return Quaternion(factor * w, factor * x, factor * y, factor * z)
 
     def axes(self) -> BodyAxes:
         """Return the axes of B in W, which are the columns of the rotation matrix."""

@@ -1,0 +1,194 @@
+"""Covariance of an error-state Kalman filter: propagation, and correction by one scalar measurement at a time.
+
+Over a time Δt, the errors (`drake_quad.estimation.estimate`) change according to
+
+    δp⁺ = δp + Δt δv
+    δv⁺ = δv - [Δv]× δθ - S δb_a + noise
+    δθ⁺ = δθ - S δb_g + noise
+    δb⁺ = δb + noise
+
+where Δv is the integral of the specific force in W, and S is the integral of R_WB. The noise of both sensors is equal
+on all axes, so it remains a multiple of the identity matrix after a rotation. The transition matrix F = 1 + N contains
+only 27 elements other than zeros and ones. F P Fᵀ is computed block by block with 438 products, instead of the 6750 of
+two products of dense matrices. The rows are changed in the order p, v, θ, since each of them depends only on rows that
+are changed later.
+
+A scalar measurement y = h(x) + n with the derivatives H and the variance r subtracts a matrix of rank 1:
+
+    c = P Hᵀ,   s = H c + r,   P⁺ = P - c cᵀ / s
+
+P⁺ is symmetric, since only its upper triangle is stored. Joseph's form needs three times as many products. It is only
+needed where H P Hᵀ / r approaches the inverse of the rounding error, 10¹⁶: a variance H P Hᵀ becomes r / s times as
+large, which is a difference of two nearly equal numbers. The filter limits this ratio by its initial deviations.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, NamedTuple
+
+from drake_quad.estimation.estimate import ErrorState, Motion
+from drake_quad.framework.elementary import sqrt, total, where
+from drake_quad.geometry.axes import Vector
+from drake_quad.signals import EstimateDeviation, Number, Quantity, Row
+
+_NUM_ERRORS = len(EstimateDeviation._fields)
+# Indices of the errors in a row of the covariance, in the order of `ErrorState`.
+_INDICES = ErrorState._make(Vector(i, i + 1, i + 2) for i in range(0, _NUM_ERRORS, 3))
+
+
+class Covariance(NamedTuple):
+    """Covariance of the errors of an estimate.
+
+    Attributes:
+        upper_triangle: 120 elements of the upper triangle, row by row.
+    """
+
+    upper_triangle: tuple[Row, ...]
+
+    @classmethod
+    def diagonal(cls, deviations: Iterable[Row]) -> "Covariance":
+        """Return the covariance of independent errors with given standard deviations."""
+        variances = [each * each for each in deviations]
+        return cls(tuple([variances[i] if i == j else 0.0 for i in range(_NUM_ERRORS) for j in range(i, _NUM_ERRORS)]))
+
+    @classmethod
+    def of(cls, matrix: Sequence[Sequence[Row]]) -> "Covariance":
+        """Return the covariance with the upper triangle of a matrix."""
+        return cls(tuple([matrix[i][j] for i in range(_NUM_ERRORS) for j in range(i, _NUM_ERRORS)]))
+
+    def matrix(self) -> list[list[Row]]:
+        """Return all elements, row by row."""
+        rows = iter(self.upper_triangle)
+        matrix: list[list[Any]] = [[None] * _NUM_ERRORS for _ in range(_NUM_ERRORS)]
+        for i in range(_NUM_ERRORS):
+            for j in range(i, _NUM_ERRORS):
+                matrix[i][j] = matrix[j][i] = next(rows)
+        return matrix
+
+    def deviations(self) -> EstimateDeviation:
+        """Return the standard deviations of the errors."""
+        matrix = self.matrix()
+        return EstimateDeviation._make(sqrt(matrix[i][i]) for i in range(_NUM_ERRORS))
+
+
+class InertialNoise(NamedTuple):
+    """Noise of the inertial measurement unit, equal on all axes.
+
+    Attributes:
+        gyroscope: square root of the spectral density of the gyroscope's white noise.
+        accelerometer: square root of the spectral density of the accelerometer's white noise.
+        gyroscope_walk: square root of the spectral density of the rate of change of the gyroscope's bias.
+        accelerometer_walk: square root of the spectral density of the rate of change of the accelerometer's bias.
+    """
+
+    gyroscope: Annotated[Row, Quantity("rad/√s", sign="nonnegative")]
+    accelerometer: Annotated[Row, Quantity("m/s/√s", sign="nonnegative")]
+    gyroscope_walk: Annotated[Row, Quantity("rad/s/√s", sign="nonnegative")]
+    accelerometer_walk: Annotated[Row, Quantity("m/s²/√s", sign="nonnegative")]
+
+
+class ScalarMeasurement(NamedTuple):
+    """Scalar measurement, linearised at an estimate.
+
+    Attributes:
+        innovation: measured minus predicted value.
+        derivatives: derivatives of the predicted value with respect to the errors; None for a derivative that is zero.
+        deviation: standard deviation of the measurement noise.
+    """
+
+    innovation: Row
+    derivatives: Any
+    deviation: Row
+
+
+def propagated(covariance: Covariance, motion: Motion, noise: InertialNoise) -> Covariance:
+    """Return the covariance after a motion."""
+    matrix = covariance.matrix()
+    time, (x, y, z) = motion.duration, motion.velocity_change
+    negative_rotations = [[-element for element in row] for row in zip(*motion.rotations, strict=True)]
+    _add_rows(
+        matrix, _INDICES.position, _INDICES.velocity, [[time, None, None], [None, time, None], [None, None, time]]
+    )
+    _add_rows(matrix, _INDICES.velocity, _INDICES.rotation, [[None, z, -y], [-z, None, x], [y, -x, None]])
+    _add_rows(matrix, _INDICES.velocity, _INDICES.accelerometer_bias, negative_rotations)
+    _add_rows(matrix, _INDICES.rotation, _INDICES.gyroscope_bias, negative_rotations)
+    for indices, density in (
+        (_INDICES.velocity, noise.accelerometer),
+        (_INDICES.rotation, noise.gyroscope),
+        (_INDICES.gyroscope_bias, noise.gyroscope_walk),
+        (_INDICES.accelerometer_bias, noise.accelerometer_walk),
+    ):
+        variance = density * density * time
+        for i in indices:
+            matrix[i][i] = matrix[i][i] + variance
+    return Covariance.of(matrix)
+
+
+def corrected_error(
+    covariance: Covariance, measurements: Iterable[ScalarMeasurement], squared_limit: Number, is_ungated: bool
+) -> tuple[ErrorState, Covariance, tuple[Number, ...]]:
+    """Return the estimated error, its covariance and the normalised innovations, given scalar measurements.
+
+    A measurement whose squared normalised innovation ν² / s exceeds a limit changes nothing. The noises of the
+    measurements are independent. The measurements are linearised at the same estimate.
+
+    Args:
+        covariance: covariance before the first measurement.
+        measurements: scalar measurements.
+        squared_limit: limit of ν² / s.
+        is_ungated: True if the limit is ignored.
+    """
+    matrix, error = covariance.matrix(), [0.0] * _NUM_ERRORS
+    normalised = []
+    for innovation, derivatives, deviation in measurements:
+        nonzero = [(i, each) for i, each in enumerate(_flat(derivatives)) if each is not None]
+        gains = [total([_product(each, row[i]) for i, each in nonzero]) for row in matrix]
+        variance = total([_product(each, gains[i]) for i, each in nonzero]) + deviation * deviation
+        remaining = innovation - total([_product(each, error[i]) for i, each in nonzero])
+        inverse = 1.0 / variance
+        squared = remaining * remaining * inverse
+        factor = where(is_ungated | (squared <= squared_limit), inverse, 0.0)
+        for i in range(_NUM_ERRORS):
+            gain = gains[i] * factor
+            error[i] = error[i] + gain * remaining
+            for j in range(i, _NUM_ERRORS):
+                matrix[i][j] = matrix[j][i] = matrix[i][j] - gain * gains[j]
+        normalised.append(remaining * sqrt(inverse))
+    blocks = ErrorState._make(Vector(*error[i : i + 3]) for i in range(0, _NUM_ERRORS, 3))
+    return blocks, Covariance.of(matrix), tuple(normalised)
+
+
+def _flat(derivatives: Any) -> list[Any]:
+    """Return 15 derivatives; None for a derivative that is zero."""
+    return [each for block in derivatives for each in (block or (None, None, None))]
+
+
+def _product(factor: Any, row: Row) -> Row:
+    """Return a product; no operation is needed for the constant 1."""
+    return row if factor.__class__ is float and factor == 1.0 else factor * row
+
+
+def _add_rows(matrix: list[list[Row]], targets: Vector, sources: Vector, factors: Sequence[Sequence[Any]]) -> None:
+    """Replace the error x_i of a symmetric matrix by x_i + Σ_j a_ij x_j, for targets i and sources j.
+
+    Args:
+        matrix: covariance of the errors, which is changed.
+        targets: indices i.
+        sources: indices j, none of which is a target.
+        factors: numbers a_ij; None for zero.
+    """
+    targets_and_terms = [
+        (i, [(j, factor) for j, factor in zip(sources, row, strict=True) if factor is not None])
+        for i, row in zip(targets, factors, strict=True)
+    ]
+    before = {(i, j): matrix[i][j] for i in targets for j in sources}
+    for k in range(_NUM_ERRORS):
+        if k not in targets:
+            for i, terms in targets_and_terms:
+                matrix[i][k] = matrix[k][i] = matrix[i][k] + total([a * matrix[j][k] for j, a in terms])
+    # With Y = C + A B for the changed covariance of targets and sources, the block of the targets is D + A Cᵀ + Y Aᵀ.
+    for i, terms in targets_and_terms:
+        for k, other_terms in targets_and_terms:
+            if k >= i:
+                first = total([a * before[k, j] for j, a in terms])
+                second = total([a * matrix[i][j] for j, a in other_terms])
+                matrix[i][k] = matrix[k][i] = matrix[i][k] + (first + second)
