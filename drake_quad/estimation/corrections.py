@@ -225,7 +225,7 @@ def ground_measurements(
 ) -> tuple[ScalarMeasurement, ...]:
     """Return the measurement of the distance to a horizontal ground along -z of B, m."""
     distance, by_height, by_rotation = _distance_to_ground(estimate, aiding.ground)
-    derivatives = _NO_ERRORS._replace(position=Vector(_NONE, _NONE, by_height), rotation=by_rotation)
+    derivatives = _NO_ERRORS._replace(position=Vector(_NONE, _NONE, by_height), rotation=by_rotation._replace(z=_NONE))
     return (ScalarMeasurement(reading.value - distance, derivatives, aiding.distance),)
 
 
@@ -297,7 +297,7 @@ def _distance_to_ground(estimate: Estimate, ground: PositionW) -> tuple[Row, Row
     by_height = 1.0 / maximum(up.z, _MIN_COSINE)
     distance = (estimate.position.z - ground) * by_height
     slope = -distance * by_height
-    return distance, by_height, Vector(slope * up.y, -slope * up.x, _NONE)
+    return distance, by_height, Vector(slope * up.y, -slope * up.x, 0.0)
 
 
 def levelled(accelerometer: Vector, yaw: Angle) -> Quaternion:

@@ -9,7 +9,7 @@ Over a time Δt, the errors (`drake_quad.estimation.estimate`) change according 
 
 where Δv is the integral of the specific force in W, and S is the integral of R_WB. The noise of both sensors is equal
 on all axes, so it remains a multiple of the identity matrix after a rotation. The transition matrix F = 1 + N contains
-only 27 elements other than zeros and ones. F P Fᵀ is computed block by block with 438 products, instead of the 6750 of
+only 27 elements other than zeros and ones. F P Fᵀ is computed block by block with 420 products, instead of the 6750 of
 two products of dense matrices. The rows are changed in the order p, v, θ, since each of them depends only on rows that
 are changed later.
 

@@ -10,7 +10,7 @@ from drake_quad.framework.elementary import identity, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of, rows_layout
 from drake_quad.geometry.axes import Vector
-from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
+from drake_quad.geometry.quaternion import NO_ROTATION
 from drake_quad.signals import Angle, BodyRates, EstimateDeviation, Number, Quantity, Row, Valid, valid_signal
 
 
@@ -268,7 +268,7 @@ class ErrorStateKalmanFilter(FleetSystem):
     new readings at multiples of its period.
 
     The covariance is propagated every `propagation_samples` samples, over the sum of their motions. A propagation costs
-    as much as nine predictions. `estimate_deviation` is the standard deviation after the last correction. `innovation`
+    as much as four predictions. `estimate_deviation` is the standard deviation after the last correction. `innovation`
     contains the latest normalised innovations of each scalar measurement, sensor by sensor.
 
     The vehicle is at rest at the first sample. Roll and pitch are estimated from the direction of the accelerometer's
@@ -285,7 +285,7 @@ class ErrorStateKalmanFilter(FleetSystem):
         parameters: parameters of the filter.
 
     Raises:
-        ValueError: if a period is not a multiple of `propagation_samples`, or the parameters are those of other sensors.
+        ValueError: if a period is not a multiple of `propagation_samples`, or if parameters belong to another sensor.
     """
 
     def declare(
