@@ -58,14 +58,19 @@ class DenseFilter:
         R = Rotation.from_rotvec(error[6:9]).as_matrix() @ self.R
         return self.p + error[0:3], self.v + error[3:6], R, self.b_g + error[9:12], self.b_a + error[12:15]
 
-    def correct(self, innovation_of, deviations):
-        """Correct by a vector, given the function that returns measured minus predicted values of p, v, R, b_g, b_a."""
+    def correct(self, innovation_of, deviations, linearised=None):
+        """Correct by a vector of measurements, and return the normalised squared innovation.
+
+        `innovation_of` is a function of p, v, R, b_g and b_a that returns measured minus predicted values. The
+        derivatives are those of the function `linearised`, by default the same function.
+        """
+        linearised = linearised or innovation_of
         innovation, step = innovation_of(*self.with_error(np.zeros(15))), 1e-3
         # Derivatives by central differences of fourth order.
         points = [(-2.0, -1.0), (-1.0, 8.0), (1.0, -8.0), (2.0, 1.0)]
         H = np.array(
             [
-                sum(weight * innovation_of(*self.with_error(k * step * unit)) for k, weight in points) / (12.0 * step)
+                sum(weight * linearised(*self.with_error(k * step * unit)) for k, weight in points) / (12.0 * step)
                 for unit in np.eye(15)
             ]
         ).T

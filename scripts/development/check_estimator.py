@@ -1,0 +1,180 @@
+"""Run the error-state Kalman filter on logged flights, and compare it with the filter that flew on board.
+
+The argument is the folder of the NanoBench data set (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3). The filter reads
+gyroscope and accelerometer of the logs, and every n-th position of motion capture. The table lists root-mean-square
+errors of both filters against motion capture while the vehicle flies.
+
+The logs contain the inertial sensors as they arrived over the radio, at 75 to 84 Hz and late, and so they contain the
+estimate of the filter on board. The lag of either is estimated and removed: the lag of the gyroscope by its correlation
+with the rotation of motion capture, and the lag of the estimate as the one with the smallest error of the position.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from drake_quad.command_line.running import run
+
+import numpy as np
+
+from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.output import print_columns
+from drake_quad.errors import InputError
+from drake_quad.estimation.corrections import PositionAiding
+from drake_quad.estimation.covariance import InertialNoise
+from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
+from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.signals import EstimateDeviation
+
+_PERIOD = 0.01  # s, period of the table in a log
+# Noise of the filter in the Crazyflie's firmware: 0.5 m/s² and 0.1 rad/s, constant over each prediction of 0.01 s
+# (kalman_core_params_defaults.h, procNoiseAcc_xy and measNoiseGyro_rollpitch).
+_NOISE = InertialNoise(0.01, 0.05, 1e-4, 1e-3)
+_POSITION = PositionAiding(0.01, 0.01, 0.01)  # m, the firmware's default for external positions (crtp_localization)
+_INNOVATION_LIMIT = 25.0
+# Initial deviations: the position is unknown, and the vehicle rests with a known yaw.
+_INITIAL = EstimateDeviation(*[10.0] * 3, *[0.1] * 3, *[0.05] * 3, *[0.01] * 3, *[0.2] * 3)
+_MIN_HEIGHT = 0.1  # m, height above the start at which the vehicle counts as flying
+_MAX_LAG = 0.1  # s
+
+
+class Errors(NamedTuple):
+    """Root-mean-square errors in flight.
+
+    Attributes:
+        position: error of the position, m.
+        velocity: error of the velocity, m/s.
+    """
+
+    position: float
+    velocity: float
+
+
+class Table(NamedTuple):
+    """Signals of a flight at a constant period; arrays have the shape (n, 3)."""
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    attitude: np.ndarray
+    body_rates: np.ndarray
+    specific_force: np.ndarray
+
+
+def resampled(record: FlightRecord, time: np.ndarray) -> Table:
+    """Return the signals of a record at given times, s; angles are not interpolated across ±π."""
+    arrays = (record.position, record.velocity, record.attitude, record.body_rates, record.specific_force)
+    columns = []
+    for array in arrays:
+        assert array is not None
+        columns.append(np.stack([np.interp(time, record.time, column) for column in array.T], axis=1))
+    return Table(time, *columns)
+
+
+def gyroscope_lag(table: Table) -> float:
+    """Return the lag (s) of the gyroscope behind the rotation of motion capture, by correlation."""
+    rotations = rotations_of(table.attitude)
+    turns = np.einsum("kji,kjl->kil", rotations[:-2], rotations[2:])
+    rates = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1) / (2.0 * _PERIOD)
+    lags = np.arange(-_MAX_LAG, _MAX_LAG, 0.002)
+    times = table.time[1:-1]
+    errors = [np.square(rates - _shifted(times + lag, table.time, table.body_rates)).mean() for lag in lags]
+    return float(lags[int(np.argmin(errors))])
+
+
+def _shifted(times: np.ndarray, clock: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.stack([np.interp(times, clock, column) for column in values.T], axis=1)
+
+
+def errors_of(table: Table, position: np.ndarray, velocity: np.ndarray) -> Errors:
+    """Return the errors of an estimate, which are arrays (n, 3), while the vehicle flies."""
+    flies = table.position[:, 2] > table.position[0, 2] + _MIN_HEIGHT
+    squares = (np.square(each[flies]).sum(axis=1) for each in (position - table.position, velocity - table.velocity))
+    return Errors(*(float(np.sqrt(each.mean())) for each in squares))
+
+
+def estimates(table: Table, samples: int, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return position and velocity (n, 3) of the filter, and the squared normalised innovations.
+
+    Args:
+        table: signals of the flight.
+        samples: period of the positions, a whole number of samples.
+        lag: lag of the inertial sensors, s.
+    """
+    aiding = AidingParameters(_POSITION, _INNOVATION_LIMIT)
+    system = ErrorStateKalmanFilter(
+        aiding=(Aiding("position", "position", samples),),
+        period=_PERIOD,
+        propagation_samples=samples,
+        parameters=FilterParameters(_NOISE, _INITIAL, (aiding,), initial_yaw=float(table.attitude[0, 2])),
+    )
+    context = system.CreateDefaultContext()
+    # A reading acts until the next sample, so it is taken in the middle.
+    middle = table.time + 0.5 * _PERIOD + lag
+    gyroscope, accelerometer = (_shifted(middle, table.time, each) for each in (table.body_rates, table.specific_force))
+    states, innovations = [], []
+    for k in range(len(table.time)):
+        for name, values in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("position", table.position)):
+            system.GetInputPort(name).FixValue(context, values[k])
+        context.SetTime((k + 1) * _PERIOD)
+        context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context).Clone())
+        states.append(system.GetOutputPort("measurement").Eval(context))
+        if k % samples == 0:
+            innovations.append(np.square(system.GetOutputPort("innovation").Eval(context)))
+    # The estimate after a sample is that of the next time.
+    position, velocity = (
+        np.vstack([table.position[:1], np.array(states)[:-1, a : a + 3]]) for a in (0, 6)
+    )
+    return position, velocity, np.array(innovations)
+
+
+def on_board(path: Path, table: Table, start: float) -> tuple[Errors, Errors, float]:
+    """Return the errors of the filter on board as logged, and without the lag of the log (s)."""
+    record = read_log(path, "nanobench_onboard")
+    assert record.position is not None and record.velocity is not None
+    clock = record.time
+    lags = np.arange(0.0, _MAX_LAG, 0.002)
+    errors = [
+        errors_of(
+            table,
+            _shifted(table.time + lag, clock, record.position),
+            _shifted(table.time + lag, clock, record.velocity),
+        )
+        for lag in lags
+    ]
+    best = min(range(len(lags)), key=lambda i: errors[i].position)
+    return errors[0], errors[best], float(lags[best])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the errors of both filters for each flight."""
+    parser = bare_parser(__doc__)
+    parser.add_argument("folder", type=Path, help="folder of the NanoBench data set")
+    parser.add_argument("--samples", type=int, nargs="+", default=[1, 10], help="periods of the positions, in 10 ms")
+    options = parser.parse_args(arguments)
+    paths = sorted(options.folder.glob("*.csv.xz"))
+    if not paths:
+        raise InputError(f"{options.folder} contains no logs")
+    rows: list[list[Any]] = []
+    for path in paths:
+        record = read_log(path, "nanobench")
+        table = resampled(record, np.arange(record.time[0], record.time[-1], _PERIOD))
+        lag = gyroscope_lag(table)
+        row = [path.name.removesuffix(".csv.xz"), f"{1e3 * lag:.0f}"]
+        for samples in options.samples:
+            position, velocity, innovations = estimates(table, samples, lag)
+            errors = errors_of(table, position, velocity)
+            row += [f"{1e3 * errors.position:.1f}", f"{1e2 * errors.velocity:.1f}", f"{innovations[20:].mean():.2f}"]
+        try:
+            logged, best, board_lag = on_board(path, table, 0.0)
+            row += [f"{1e3 * logged.position:.1f}", f"{1e2 * logged.velocity:.1f}"]
+            row += [f"{1e3 * board_lag:.0f}", f"{1e3 * best.position:.1f}", f"{1e2 * best.velocity:.1f}"]
+        except InputError as error:
+            row += [str(error)[:40]]
+        rows.append(row)
+        print(*row, flush=True)
+
+
+if __name__ == "__main__":
+    run(main)
