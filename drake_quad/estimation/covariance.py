@@ -138,7 +138,7 @@ def corrected_error(
         is_ungated: True if the limit is ignored.
     """
     matrix, error = covariance.matrix(), [0.0] * _NUM_ERRORS
-    normalised = []
+    normalised: list[Row] = []
     for innovation, derivatives, deviation in measurements:
         nonzero = [(i, each) for i, each in enumerate(_flat(derivatives)) if each is not None]
         gains = [total([_product(each, row[i]) for i, each in nonzero]) for row in matrix]

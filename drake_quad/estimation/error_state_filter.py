@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, levelled
 from drake_quad.estimation.covariance import Covariance, InertialNoise, corrected_error, propagated
 from drake_quad.estimation.estimate import NO_MOTION, Estimate, Motion, predicted, state_of, with_error
-from drake_quad.framework.elementary import identity, where, where_needed
+from drake_quad.framework.elementary import identity, minimum, total, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of, rows_layout
 from drake_quad.geometry.axes import Vector
@@ -41,10 +41,14 @@ class AidingParameters(NamedTuple):
     Attributes:
         sensor: parameters of the measurement equation, such as a `PositionAiding`.
         innovation_limit: largest squared normalised innovation of a scalar measurement that is used.
+        max_rejections: number of successive readings with a rejected measurement, after which readings are used
+            regardless of the limit until they obey it again. Without this number, a filter with a wrong estimate and a
+            small covariance would reject all readings.
     """
 
     sensor: Any
     innovation_limit: Annotated[Row, Quantity("1", sign="positive")]
+    max_rejections: Annotated[Row, Quantity("1", sign="nonnegative")] = 10.0
 
 
 class FilterParameters(NamedTuple):
@@ -72,13 +76,14 @@ class Counters(NamedTuple):
         waits_for_start: 1 before the first sample, then 0.
         samples_to_propagation: samples until the next propagation of the covariance.
         samples_to_reading: samples until the next reading of each aiding sensor.
-        has_corrected: 1 for each aiding sensor with an earlier valid reading, else 0.
+        rejections: number of successive readings of each aiding sensor with a rejected measurement, at most
+            `max_rejections`; this is also the value before the first reading.
     """
 
     waits_for_start: Number
     samples_to_propagation: Number
     samples_to_reading: tuple[Number, ...]
-    has_corrected: tuple[Number, ...]
+    rejections: tuple[Number, ...]
 
 
 class Memory(NamedTuple):
@@ -125,7 +130,7 @@ def initial_memory(parameters: FilterParameters, num_scalars: int) -> Memory:
         Estimate(zero, zero, NO_ROTATION, zero, zero),
         Covariance.diagonal(parameters.initial),
         NO_MOTION,
-        Counters(1.0, 0.0, zeros, zeros),
+        Counters(1.0, 0.0, zeros, tuple([each.max_rejections for each in parameters.aiding])),
         (0.0,) * num_scalars,
     )
 
@@ -162,7 +167,7 @@ def filter_step(
     is_due: Any = True if structure.propagation_samples == 1 else counters.samples_to_propagation < 0.5
     covariance = _if_needed(is_due, propagated, (covariance, motion, parameters.noise), covariance)
     motion = where(is_due, NO_MOTION, motion)
-    waits, corrected, innovations, first = [], [], [], 0
+    waits, rejections, innovations, first = [], [], [], 0
     for k, (aiding, aiding_parameters) in enumerate(zip(structure.aiding, parameters.aiding, strict=True)):
         reading, validity = readings[2 * k : 2 * k + 2]
         is_new: Any = True if aiding.samples == 1 else counters.samples_to_reading[k] < 0.5
@@ -171,14 +176,16 @@ def filter_step(
             is_new = is_new & (validity.valid > 0.5)
         before = innovation[first : first + aiding.law.num_scalars]
         first += aiding.law.num_scalars
-        arguments = estimate, covariance, reading, aiding_parameters, gyroscope, counters.has_corrected[k]
-        after = _if_needed(is_new, _Correction(aiding.law), arguments, Corrected(estimate, covariance, before))
+        arguments = estimate, covariance, reading, aiding_parameters, gyroscope, counters.rejections[k]
+        after = _if_needed(
+            is_new, _Correction(aiding.law), arguments, Corrected(estimate, covariance, before, counters.rejections[k])
+        )
         estimate, covariance = after.estimate, after.covariance
         innovations += after.innovation
-        corrected.append(where(is_new, 1.0, counters.has_corrected[k]))
+        rejections.append(after.rejections)
     estimate, motion = predicted(estimate, motion, gyroscope, accelerometer, parameters.gravity, structure.period)
     wait = _next_count(is_due, counters.samples_to_propagation, structure.propagation_samples)
-    counters = Counters(0.0, wait, tuple(waits), tuple(corrected))
+    counters = Counters(0.0, wait, tuple(waits), tuple(rejections))
     return estimate, covariance, motion, counters, tuple(innovations)
 
 
@@ -189,11 +196,13 @@ class Corrected(NamedTuple):
         estimate: corrected estimate.
         covariance: covariance of its errors.
         innovation: normalised innovations of the scalar measurements.
+        rejections: number of successive readings with a rejected measurement, at most `max_rejections`.
     """
 
     estimate: Estimate
     covariance: Covariance
     innovation: tuple[Number, ...]
+    rejections: Number
 
 
 class _Correction(NamedTuple):
@@ -208,13 +217,14 @@ class _Correction(NamedTuple):
         reading: Any,
         parameters: AidingParameters,
         gyroscope: BodyRates,
-        has_corrected: Number,
+        rejections: Number,
     ) -> Corrected:
         measurements = self.law.formula(estimate, reading, parameters.sensor, gyroscope)
-        error, covariance, innovation = corrected_error(
-            covariance, measurements, parameters.innovation_limit, has_corrected < 0.5
-        )
-        return Corrected(with_error(estimate, error), covariance, innovation)
+        limit, maximum = parameters.innovation_limit, parameters.max_rejections
+        error, covariance, innovation = corrected_error(covariance, measurements, limit, rejections >= maximum)
+        is_rejected = total([where(each * each <= limit, 0.0, 1.0) for each in innovation]) > 0.5
+        rejections = where(is_rejected, minimum(rejections + 1.0, maximum), 0.0)
+        return Corrected(with_error(estimate, error), covariance, innovation, rejections)
 
 
 def _next_count(is_due: Any, count: Number, period: int) -> Number:

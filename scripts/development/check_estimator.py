@@ -10,7 +10,7 @@ with the rotation of motion capture, and the lag of the estimate as the one with
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drake_quad.command_line.running import run
 
@@ -33,10 +33,12 @@ _PERIOD = 0.01  # s, period of the table in a log
 _NOISE = InertialNoise(0.01, 0.05, 1e-4, 1e-3)
 _POSITION = PositionAiding(0.01, 0.01, 0.01)  # m, the firmware's default for external positions (crtp_localization)
 _INNOVATION_LIMIT = 25.0
+_MAX_REJECTION_TIME = 0.1  # s, after which rejected positions are used; it is chosen for these flights
 # Initial deviations: the position is unknown, and the vehicle rests with a known yaw.
 _INITIAL = EstimateDeviation(*[10.0] * 3, *[0.1] * 3, *[0.05] * 3, *[0.01] * 3, *[0.2] * 3)
 _MIN_HEIGHT = 0.1  # m, height above the start at which the vehicle counts as flying
 _MAX_LAG = 0.1  # s
+_LAG_STEP = 0.002  # s
 
 
 class Errors(NamedTuple):
@@ -75,9 +77,8 @@ def resampled(record: FlightRecord, time: np.ndarray) -> Table:
 def gyroscope_lag(table: Table) -> float:
     """Return the lag (s) of the gyroscope behind the rotation of motion capture, by correlation."""
     rotations = rotations_of(table.attitude)
-    turns = np.einsum("kji,kjl->kil", rotations[:-2], rotations[2:])
-    rates = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1) / (2.0 * _PERIOD)
-    lags = np.arange(-_MAX_LAG, _MAX_LAG, 0.002)
+    rates = (rotations[:-2].inv() * rotations[2:]).as_rotvec() / (2.0 * _PERIOD)
+    lags = np.arange(-_MAX_LAG, _MAX_LAG, _LAG_STEP)
     times = table.time[1:-1]
     errors = [np.square(rates - _shifted(times + lag, table.time, table.body_rates)).mean() for lag in lags]
     return float(lags[int(np.argmin(errors))])
@@ -94,15 +95,15 @@ def errors_of(table: Table, position: np.ndarray, velocity: np.ndarray) -> Error
     return Errors(*(float(np.sqrt(each.mean())) for each in squares))
 
 
-def estimates(table: Table, samples: int, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position and velocity (n, 3) of the filter, and the squared normalised innovations.
+def estimated_errors(table: Table, samples: int, lag: float) -> Errors:
+    """Return the errors of the filter.
 
     Args:
         table: signals of the flight.
         samples: period of the positions, a whole number of samples.
         lag: lag of the inertial sensors, s.
     """
-    aiding = AidingParameters(_POSITION, _INNOVATION_LIMIT)
+    aiding = AidingParameters(_POSITION, _INNOVATION_LIMIT, max(1.0, _MAX_REJECTION_TIME / (samples * _PERIOD)))
     system = ErrorStateKalmanFilter(
         aiding=(Aiding("position", "position", samples),),
         period=_PERIOD,
@@ -113,67 +114,65 @@ def estimates(table: Table, samples: int, lag: float) -> tuple[np.ndarray, np.nd
     # A reading acts until the next sample, so it is taken in the middle.
     middle = table.time + 0.5 * _PERIOD + lag
     gyroscope, accelerometer = (_shifted(middle, table.time, each) for each in (table.body_rates, table.specific_force))
-    states, innovations = [], []
-    for k in range(len(table.time)):
+    states = [np.hstack([table.position[0], np.zeros(9)])]
+    for k in range(len(table.time) - 1):
         for name, values in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("position", table.position)):
             system.GetInputPort(name).FixValue(context, values[k])
         context.SetTime((k + 1) * _PERIOD)
         context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context).Clone())
         states.append(system.GetOutputPort("measurement").Eval(context))
-        if k % samples == 0:
-            innovations.append(np.square(system.GetOutputPort("innovation").Eval(context)))
-    # The estimate after a sample is that of the next time.
-    position, velocity = (
-        np.vstack([table.position[:1], np.array(states)[:-1, a : a + 3]]) for a in (0, 6)
-    )
-    return position, velocity, np.array(innovations)
+    return errors_of(table, np.array(states)[:, 0:3], np.array(states)[:, 6:9])
 
 
-def on_board(path: Path, table: Table, start: float) -> tuple[Errors, Errors, float]:
-    """Return the errors of the filter on board as logged, and without the lag of the log (s)."""
-    record = read_log(path, "nanobench_onboard")
-    assert record.position is not None and record.velocity is not None
-    clock = record.time
-    lags = np.arange(0.0, _MAX_LAG, 0.002)
-    errors = [
-        errors_of(
-            table,
-            _shifted(table.time + lag, clock, record.position),
-            _shifted(table.time + lag, clock, record.velocity),
+def on_board(record: FlightRecord, table: Table) -> tuple[Errors, float]:
+    """Return the errors of the filter on board without the lag of the log, and this lag, s."""
+    assert record.position is not None
+    assert record.velocity is not None
+    errors = {}
+    for lag in np.arange(0.0, _MAX_LAG, _LAG_STEP):
+        position, velocity = (
+            _shifted(table.time + lag, record.time, each) for each in (record.position, record.velocity)
         )
-        for lag in lags
-    ]
-    best = min(range(len(lags)), key=lambda i: errors[i].position)
-    return errors[0], errors[best], float(lags[best])
+        errors[float(lag)] = errors_of(table, position, velocity)
+    best = min(errors, key=lambda lag: errors[lag].position)
+    return errors[best], best
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Print the errors of both filters for each flight."""
-    parser = bare_parser(__doc__)
+def main() -> None:
+    parser = bare_parser(__doc__, "python scripts/development/check_estimator.py nanobench --samples 1 10")
     parser.add_argument("folder", type=Path, help="folder of the NanoBench data set")
-    parser.add_argument("--samples", type=int, nargs="+", default=[1, 10], help="periods of the positions, in 10 ms")
-    options = parser.parse_args(arguments)
-    paths = sorted(options.folder.glob("*.csv.xz"))
+    parser.add_argument(
+        "--samples",
+        type=int,
+        nargs="+",
+        default=[1, 10],
+        metavar="COUNT",
+        help="periods of the positions in samples of 10 ms (default: 1 10)",
+    )
+    arguments = parser.parse_args()
+    paths = sorted(arguments.folder.glob("*.csv.xz"))
     if not paths:
-        raise InputError(f"{options.folder} contains no logs")
-    rows: list[list[Any]] = []
+        raise InputError(f"{arguments.folder} contains no logs (*.csv.xz)")
+    if min(arguments.samples) < 1:
+        raise InputError(f"--samples {min(arguments.samples)}: a period is at least 1 sample")
+    rows = []
     for path in paths:
         record = read_log(path, "nanobench")
         table = resampled(record, np.arange(record.time[0], record.time[-1], _PERIOD))
         lag = gyroscope_lag(table)
-        row = [path.name.removesuffix(".csv.xz"), f"{1e3 * lag:.0f}"]
-        for samples in options.samples:
-            position, velocity, innovations = estimates(table, samples, lag)
-            errors = errors_of(table, position, velocity)
-            row += [f"{1e3 * errors.position:.1f}", f"{1e2 * errors.velocity:.1f}", f"{innovations[20:].mean():.2f}"]
-        try:
-            logged, best, board_lag = on_board(path, table, 0.0)
-            row += [f"{1e3 * logged.position:.1f}", f"{1e2 * logged.velocity:.1f}"]
-            row += [f"{1e3 * board_lag:.0f}", f"{1e3 * best.position:.1f}", f"{1e2 * best.velocity:.1f}"]
-        except InputError as error:
-            row += [str(error)[:40]]
+        board, board_lag = on_board(read_log(path, "nanobench_onboard"), table)
+        row = [path.name.removesuffix(".csv.xz"), f"{1e3 * lag:.0f}", f"{1e3 * board_lag:.0f}"]
+        for errors in (board, *(estimated_errors(table, samples, lag) for samples in arguments.samples)):
+            row += [f"{1e3 * errors.position:.1f}", f"{1e2 * errors.velocity:.1f}"]
         rows.append(row)
-        print(*row, flush=True)
+    filters = ["on board", *(f"{100.0 / samples:.3g} Hz" for samples in arguments.samples)]
+    print_columns(
+        [
+            ["flight", "IMU lag (ms)", "estimate lag (ms)"]
+            + [f"{name}, {unit}" for name in filters for unit in ("position (mm)", "velocity (cm/s)")],
+            *rows,
+        ]
+    )
 
 
 if __name__ == "__main__":

@@ -355,6 +355,23 @@ def test_an_outlier_is_rejected_and_shown_in_the_innovation():
     assert y > 5.0 > 1e-6 > abs(x) + abs(z)
 
 
+def test_readings_are_used_again_after_too_many_rejections():
+    """The position jumps, as after a relocation of the origin, and all later readings agree with each other."""
+    system = make_filter(Aiding("position", "position"), limit=25.0)
+    context = system.CreateDefaultContext()
+    at_rest = {"gyroscope": [[0.0, 0.0, 0.0]], "accelerometer": [[0.0, 0.0, GRAVITY]]}
+    for _ in range(50):
+        advance(system, context, {**at_rest, "position": np.zeros((1, 3))})
+    places = []
+    for _ in range(300):
+        advance(system, context, {**at_rest, "position": [[2.0, 0.0, 0.0]]})
+        places.append(system.get_state(context, "estimate").position.x)
+    assert max(places[:10]) < 1e-6  # the default of `max_rejections` is 10
+    assert places[10] > 0.01
+    assert abs(places[-1] - 2.0) < 0.05
+    assert system.get_state(context, "counters").rejections == (0.0,)
+
+
 def test_a_missing_reading_corrects_nothing():
     system = make_filter(Aiding("position", "position", can_miss=True))
     context = system.CreateDefaultContext()
