@@ -166,13 +166,8 @@ def main() -> None:
             row += [f"{1e3 * errors.position:.1f}", f"{1e2 * errors.velocity:.1f}"]
         rows.append(row)
     filters = ["on board", *(f"{100.0 / samples:.3g} Hz" for samples in arguments.samples)]
-    print_columns(
-        [
-            ["flight", "IMU lag (ms)", "estimate lag (ms)"]
-            + [f"{name}, {unit}" for name in filters for unit in ("position (mm)", "velocity (cm/s)")],
-            *rows,
-        ]
-    )
+    units = [f"{name}, {unit}" for name in filters for unit in ("mm", "cm/s")]
+    print_columns(["flight", "IMU lag, ms", "estimate lag, ms", *units], rows)
 
 
 if __name__ == "__main__":

@@ -312,8 +312,8 @@ def normalised_errors(system, context, p, v, R, b_g, b_a):
 def test_squared_errors_have_their_chi_squared_distribution(name, propagation_samples):
     """The mean over the fleet lies in its band of 95 % at the end, and in the band of 99.9 % every second."""
     aiding = Aiding("position", "position", 4), Aiding("yaw", "yaw", 10)
-    motion = MOTIONS[name](8.0)
-    _, _, squared_errors = fly(motion, aiding, 400, 1, propagation_samples)
+    motion = MOTIONS[name](6.0)
+    _, _, squared_errors = fly(motion, aiding, 200, 5, propagation_samples)
     for level, sums in ((0.95, squared_errors[-1:].sum(axis=1)), (0.999, squared_errors.sum(axis=1))):
         low, high = scipy.stats.chi2.interval(level, 15 * squared_errors.shape[1])
         assert ((low < sums) & (sums < high)).all()
@@ -328,8 +328,10 @@ def test_yaw_is_not_observable_in_hover_without_a_measurement_of_the_direction()
         deviation = system.GetOutputPort("estimate_deviation").Eval(context).reshape(15, 2)
         deviations.append(EstimateDeviation(*deviation.min(axis=1)))
     without, with_yaw = deviations
-    assert without.rotation_z > 0.99 * INITIAL.rotation_z
-    assert without.gyroscope_z > 0.99 * INITIAL.gyroscope_z
+    # The error of the yaw grows with the error of the gyroscope. The few per cent that the latter loses come from the
+    # initial error of the tilt, which accelerates the estimate sideways.
+    assert without.rotation_z > 3.0 * INITIAL.rotation_z
+    assert without.gyroscope_z > 0.95 * INITIAL.gyroscope_z
     assert max(without.rotation_x, without.rotation_y) < 0.5 * INITIAL.rotation_x
     assert with_yaw.rotation_z < 0.5 * INITIAL.rotation_z
     assert with_yaw.gyroscope_z < 0.5 * INITIAL.gyroscope_z
@@ -363,7 +365,7 @@ def test_readings_are_used_again_after_too_many_rejections():
     for _ in range(50):
         advance(system, context, {**at_rest, "position": np.zeros((1, 3))})
     places = []
-    for _ in range(300):
+    for _ in range(600):
         advance(system, context, {**at_rest, "position": [[2.0, 0.0, 0.0]]})
         places.append(system.get_state(context, "estimate").position.x)
     assert max(places[:10]) < 1e-6  # the default of `max_rejections` is 10
