@@ -66,6 +66,9 @@ from drake_quad.control.policy.observation import ObservationParameters, Observa
 from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringParameters
+from drake_quad.estimation.corrections import PositionAiding
+from drake_quad.estimation.covariance import InertialNoise
+from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
@@ -133,7 +136,18 @@ from drake_quad.randomness.noise import NoiseSource, Stream, TickByTick, random_
 from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
-from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Jerk, Reference, Snap, State, Wind, Wrench
+from drake_quad.signals import (
+    Attitude,
+    AttitudeTarget,
+    BodyRates,
+    EstimateDeviation,
+    Jerk,
+    Reference,
+    Snap,
+    State,
+    Wind,
+    Wrench,
+)
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
     CentreOfPressure,
@@ -564,6 +578,19 @@ MPC_STRUCTURE: dict[str, Any] = {
 }
 TARGET_REGULATORS = {"lateral": _regulator(TARGET_LQG.lateral), "vertical": _regulator(TARGET_LQG.vertical)}
 GROUND_EFFECT = Effects(ground_effect=GroundEffect(0.11, 0.05))
+FILTER = FilterParameters(
+    InertialNoise(0.011, 0.12, 0.0013, 0.0014),
+    EstimateDeviation(*(0.3 + 0.02 * np.arange(15)).tolist()),
+    (AidingParameters(PositionAiding(0.21, 0.22, 0.23), 24.0, 6.0),),
+    0.34,
+    9.79,
+)
+FILTER_STRUCTURE = {
+    "aiding": (Aiding("position", "position", 4, can_miss=True),),
+    "period": 0.002,
+    "propagation_samples": 2,
+}
+
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
     Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True, "priority": "thrust"}, num_vehicles=2),
@@ -576,6 +603,7 @@ FLEET_SYSTEMS = [
     Example(AttitudeController, PD_ATTITUDE),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, WRENCH_LINK, LOSSY_LINK, num_vehicles=2),
+    Example(ErrorStateKalmanFilter, FILTER, FILTER_STRUCTURE, num_vehicles=2),
     Example(CommandLink, WRENCH_LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
     Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),
