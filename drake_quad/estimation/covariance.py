@@ -31,8 +31,19 @@ from drake_quad.geometry.axes import Vector
 from drake_quad.signals import EstimateDeviation, Number, Quantity, Row
 
 _NUM_ERRORS = len(EstimateDeviation._fields)
-# Indices of the errors in a row of the covariance, in the order of `ErrorState`.
-_INDICES = ErrorState._make(Vector(i, i + 1, i + 2) for i in range(0, _NUM_ERRORS, 3))
+
+
+class _Blocks(NamedTuple):
+    """Indices of the errors in a row of the covariance, in the order of `ErrorState`."""
+
+    position: range
+    velocity: range
+    rotation: range
+    gyroscope_bias: range
+    accelerometer_bias: range
+
+
+_INDICES = _Blocks._make(range(i, i + 3) for i in range(0, _NUM_ERRORS, 3))
 
 
 class Covariance(NamedTuple):
@@ -137,7 +148,8 @@ def corrected_error(
         squared_limit: limit of ν² / s.
         is_ungated: True if the limit is ignored.
     """
-    matrix, error = covariance.matrix(), [0.0] * _NUM_ERRORS
+    matrix = covariance.matrix()
+    error = [0.0] * _NUM_ERRORS
     normalised: list[Row] = []
     for innovation, derivatives, deviation in measurements:
         nonzero = [(i, each) for i, each in enumerate(_flat(derivatives)) if each is not None]
@@ -167,7 +179,7 @@ def _product(factor: Any, row: Row) -> Row:
     return row if factor.__class__ is float and factor == 1.0 else factor * row
 
 
-def _add_rows(matrix: list[list[Row]], targets: Vector, sources: Vector, factors: Sequence[Sequence[Any]]) -> None:
+def _add_rows(matrix: list[list[Row]], targets: range, sources: range, factors: Sequence[Sequence[Any]]) -> None:
     """Replace the error x_i of a symmetric matrix by x_i + Σ_j a_ij x_j, for targets i and sources j.
 
     Args:

@@ -1,6 +1,7 @@
 """Error-state Kalman filter on board: inertial navigation, corrected by readings of other sensors."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, levelled
@@ -205,7 +206,8 @@ class Corrected(NamedTuple):
     rejections: Number
 
 
-class _Correction(NamedTuple):
+@dataclass(frozen=True)
+class _Correction:
     """Formula of the correction by a reading with a given measurement equation."""
 
     law: AidingLaw
@@ -225,6 +227,17 @@ class _Correction(NamedTuple):
         is_rejected = total([where(each * each <= limit, 0.0, 1.0) for each in innovation]) > 0.5
         rejections = where(is_rejected, minimum(rejections + 1.0, maximum), 0.0)
         return Corrected(with_error(estimate, error), covariance, innovation, rejections)
+
+
+@dataclass(frozen=True)
+class _InitialGroup:
+    """Function that computes the initial value of a field of `Memory` from the parameters."""
+
+    name: str
+    num_scalars: int
+
+    def __call__(self, parameters: FilterParameters) -> Any:
+        return getattr(initial_memory(parameters, self.num_scalars), self.name)
 
 
 def _next_count(is_due: Any, count: Number, period: int) -> Number:
@@ -317,10 +330,7 @@ class ErrorStateKalmanFilter(FleetSystem):
             valid = self.input(valid_signal(each.name), layout=layout_of(Valid)) if each.can_miss else None
             readings.append(valid)
         parameter = self.parameter("parameters", lambda parameters: parameters)
-        groups = [
-            self.state(name, lambda parameters, name=name: getattr(initial_memory(parameters, num_scalars), name))
-            for name in Memory._fields
-        ]
+        groups = [self.state(name, _InitialGroup(name, num_scalars)) for name in Memory._fields]
         structure = FilterStructure(tuple(aiding), period, propagation_samples)
         reads = structure, *groups, parameter, gyroscope, accelerometer, *readings
         self.update(period, filter_step, *reads, writes=groups, at_start=False)

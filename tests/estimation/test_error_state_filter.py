@@ -370,7 +370,7 @@ def test_readings_are_used_again_after_too_many_rejections():
         places.append(system.get_state(context, "estimate").position.x)
     assert max(places[:10]) < 1e-6  # the default of `max_rejections` is 10
     assert places[10] > 0.01
-    assert abs(places[-1] - 2.0) < 0.05
+    assert abs(places[-1] - 2.0) < 0.1
     assert system.get_state(context, "counters").rejections == (0.0,)
 
 
