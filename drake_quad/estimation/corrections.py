@@ -171,7 +171,9 @@ def velocity_measurements(
 ) -> tuple[ScalarMeasurement, ...]:
     """Return the measurements of a velocity in W, m/s."""
     rows = zip(minus(reading, estimate.velocity), _UNIT_VECTORS, aiding, strict=True)
-    return tuple([ScalarMeasurement(each, _NO_ERRORS._replace(velocity=unit), size) for each, unit, size in rows])
+    return tuple(
+        [ScalarMeasurement(each, _NO_ERRORS._replace(velocity=unit), size, "velocity") for each, unit, size in rows]
+    )
 
 
 def fix_measurements(
@@ -198,7 +200,11 @@ def yaw_measurements(
     """Return the measurement of a yaw, rad."""
     ahead = estimate.attitude.axes().x
     innovation = wrap_angle(reading.value - arctan2(ahead.y, ahead.x))
-    return (ScalarMeasurement(innovation, _NO_ERRORS._replace(rotation=_heading_derivatives(ahead)), aiding.yaw),)
+    return (
+        ScalarMeasurement(
+            innovation, _NO_ERRORS._replace(rotation=_heading_derivatives(ahead)), aiding.yaw, "rotation"
+        ),
+    )
 
 
 def attitude_measurements(
@@ -207,7 +213,12 @@ def attitude_measurements(
     """Return the measurements of an attitude."""
     rotation = estimate.attitude.rotation_to(Quaternion.of(*reading))
     rows = zip(estimate.attitude.axes().in_world(rotation), _UNIT_VECTORS, strict=True)
-    return tuple([ScalarMeasurement(each, _NO_ERRORS._replace(rotation=unit), aiding.rotation) for each, unit in rows])
+    return tuple(
+        [
+            ScalarMeasurement(each, _NO_ERRORS._replace(rotation=unit), aiding.rotation, "rotation")
+            for each, unit in rows
+        ]
+    )
 
 
 def magnetic_measurements(
@@ -217,7 +228,7 @@ def magnetic_measurements(
     field = estimate.attitude.axes().in_world(reading)
     innovation = wrap_angle(arctan2(aiding.field_y, aiding.field_x) - arctan2(field.y, field.x))
     derivatives = _NO_ERRORS._replace(rotation=_heading_derivatives(field))
-    return (ScalarMeasurement(innovation, derivatives, aiding.heading),)
+    return (ScalarMeasurement(innovation, derivatives, aiding.heading, "rotation"),)
 
 
 def ground_measurements(
@@ -265,7 +276,7 @@ def flow_measurements(
             rotation=rotation,
             gyroscope_bias=bias,
         )
-        measurements.append(ScalarMeasurement(flow - (translation + turning), derivatives, aiding.flow))
+        measurements.append(ScalarMeasurement(flow - (translation + turning), derivatives, aiding.flow, "velocity"))
     return tuple(measurements)
 
 

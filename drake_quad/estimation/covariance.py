@@ -27,7 +27,7 @@ from typing import Annotated, Any, NamedTuple
 
 from drake_quad.estimation.estimate import ErrorState, Motion
 from drake_quad.framework.elementary import sqrt, total, where
-from drake_quad.geometry.axes import Vector
+from drake_quad.geometry.axes import TINY, Vector
 from drake_quad.signals import EstimateDeviation, Number, Quantity, Row
 
 _NUM_ERRORS = len(EstimateDeviation._fields)
@@ -104,11 +104,13 @@ class ScalarMeasurement(NamedTuple):
         innovation: measured minus predicted value.
         derivatives: derivatives of the predicted value with respect to the errors; None for a derivative that is zero.
         deviation: standard deviation of the measurement noise.
+        reset: field of `ErrorState` that a measurement changes which is used although its innovation is too large.
     """
 
     innovation: Row
     derivatives: Any
     deviation: Row
+    reset: str = "position"
 
 
 def propagated(covariance: Covariance, motion: Motion, noise: InertialNoise) -> Covariance:
@@ -139,7 +141,10 @@ def corrected_error(
 ) -> tuple[ErrorState, Covariance, tuple[Number, ...]]:
     """Return the estimated error, its covariance and the normalised innovations, given scalar measurements.
 
-    A measurement whose squared normalised innovation ν² / s exceeds a limit changes nothing. The noises of the
+    A measurement whose squared normalised innovation ν² / s exceeds a limit changes nothing. If the limit is ignored,
+    such a measurement resets the estimate: the variance of the measured quantity is increased by ν² beforehand, by an
+    error of the field `reset` that is independent of all other errors. Otherwise a jump of the position would tip the
+    attitude over. The noises of the
     measurements are independent. The measurements are linearised at the same estimate.
 
     Args:
@@ -151,22 +156,39 @@ def corrected_error(
     matrix = covariance.matrix()
     error = [0.0] * _NUM_ERRORS
     normalised: list[Row] = []
-    for innovation, derivatives, deviation in measurements:
+    for innovation, derivatives, deviation, reset in measurements:
         nonzero = [(i, each) for i, each in enumerate(_flat(derivatives)) if each is not None]
         gains = [total([_product(each, row[i]) for i, each in nonzero]) for row in matrix]
         variance = total([_product(each, gains[i]) for i, each in nonzero]) + deviation * deviation
         remaining = innovation - total([_product(each, error[i]) for i, each in nonzero])
-        inverse = 1.0 / variance
-        squared = remaining * remaining * inverse
-        factor = where(is_ungated | (squared <= squared_limit), inverse, 0.0)
+        squared = remaining * remaining
+        is_used = squared <= squared_limit * variance
+        normalised.append(remaining / sqrt(variance))
+        increase = where(is_used, 0.0, squared)
+        for i, weight in _reset_direction(derivatives, reset):
+            gains[i] = gains[i] + weight * increase
+            for j, other in _reset_direction(derivatives, reset):
+                if j >= i:
+                    matrix[i][j] = matrix[j][i] = matrix[i][j] + where(is_ungated, weight * other * increase, 0.0)
+        factor = where(is_ungated | is_used, 1.0 / (variance + increase), 0.0)
         for i in range(_NUM_ERRORS):
             gain = gains[i] * factor
             error[i] = error[i] + gain * remaining
             for j in range(i, _NUM_ERRORS):
                 matrix[i][j] = matrix[j][i] = matrix[i][j] - gain * gains[j]
-        normalised.append(remaining * sqrt(inverse))
     blocks = ErrorState._make(Vector(*error[i : i + 3]) for i in range(0, _NUM_ERRORS, 3))
     return blocks, Covariance.of(matrix), tuple(normalised)
+
+
+def _reset_direction(derivatives: Any, reset: str) -> list[tuple[int, Row]]:
+    """Return indices and components of the shortest change of a field that changes the predicted value by 1."""
+    block, indices = getattr(derivatives, reset), getattr(_INDICES, reset)
+    nonzero = [(i, each) for i, each in zip(indices, block, strict=True) if each is not None]
+    if len(nonzero) == 1:
+        ((index, derivative),) = nonzero
+        return [(index, 1.0 / derivative)]
+    scale = 1.0 / (total([each * each for _, each in nonzero]) + TINY)
+    return [(i, scale * each) for i, each in nonzero]
 
 
 def _flat(derivatives: Any) -> list[Any]:

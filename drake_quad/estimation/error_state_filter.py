@@ -42,9 +42,9 @@ class AidingParameters(NamedTuple):
     Attributes:
         sensor: parameters of the measurement equation, such as a `PositionAiding`.
         innovation_limit: largest squared normalised innovation of a scalar measurement that is used.
-        max_rejections: number of successive readings with a rejected measurement, after which readings are used
-            regardless of the limit until they obey it again. Without this number, a filter with a wrong estimate and a
-            small covariance would reject all readings.
+        max_rejections: number of successive readings with a rejected measurement, after which readings reset the
+            measured quantity until they obey the limit again. Without this number, a filter with a wrong estimate and
+            a small covariance would reject all readings.
     """
 
     sensor: Any
