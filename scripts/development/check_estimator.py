@@ -28,10 +28,11 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.signals import EstimateDeviation
 
 _PERIOD = 0.01  # s, period of the table in a log
-# Noise of the filter in the Crazyflie's firmware: 0.5 m/s² and 0.1 rad/s, constant over each prediction of 0.01 s
-# (kalman_core_params_defaults.h, procNoiseAcc_xy and measNoiseGyro_rollpitch).
+# White noise of the filter in the Crazyflie's firmware: 0.5 m/s² (procNoiseAcc_xy) and 0.1 rad/s
+# (measNoiseGyro_rollpitch), constant over each prediction of 0.01 s. The firmware estimates no biases of these sensors;
+# the random walks of the biases, the limit and the initial deviations are rough choices, not fitted.
 _NOISE = InertialNoise(0.01, 0.05, 1e-4, 1e-3)
-_POSITION = PositionAiding(0.01, 0.01, 0.01)  # m, the firmware's default for external positions (crtp_localization)
+_POSITION = PositionAiding(0.01, 0.01, 0.01)  # m, extPosStdDev of the firmware
 _INNOVATION_LIMIT = 25.0
 _MAX_REJECTION_TIME = 0.1  # s, after which rejected positions are used; it is chosen for these flights
 # Initial deviations: the position is unknown, and the vehicle rests with a known yaw.
