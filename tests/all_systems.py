@@ -588,7 +588,7 @@ FILTER = FilterParameters(
 FILTER_STRUCTURE = {
     "aiding": (Aiding("position", "position", 4, can_miss=True),),
     "period": 0.002,
-    "propagation_samples": 2,
+    "block_samples": 2,
 }
 
 FLEET_SYSTEMS = [

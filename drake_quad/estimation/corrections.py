@@ -4,7 +4,8 @@ Each formula of this module compares a reading with an estimate. It returns the 
 respect to the errors of the estimate. A rotation by the error δθ changes a vector a of the body by δθ × a, so a
 quantity with the gradient g with respect to a has the derivative a × g with respect to δθ.
 
-Sensors are at the centre of mass, and a reading is used at the time of the sample of the inertial measurement unit.
+The formulas hold for a sensor at the inertial measurement unit, whose position is that of the estimate.
+`measurements_at` extends them to other places on the vehicle.
 """
 
 from collections.abc import Callable
@@ -158,6 +159,53 @@ class AidingLaw(NamedTuple):
     num_scalars: int
 
 
+def measurements_at(
+    lever: Vector | None, law: AidingLaw, estimate: Estimate, reading: Any, aiding: Any, gyroscope: BodyRates
+) -> tuple[ScalarMeasurement, ...]:
+    """Return the scalar measurements of a sensor at a place on the vehicle.
+
+    Position and velocity of the sensor are p + a and v + b with a = R l and b = R (ω × l). The errors change them by
+    δθ × a and by δθ × b - R (δb_g × l).
+
+    Args:
+        lever: position l of the sensor relative to the inertial measurement unit, along the axes of B, m; None if both
+            are at the same place.
+        law: measurement equation.
+        estimate: estimate of the inertial measurement unit.
+        reading: reading of the sensor.
+        aiding: parameters of the measurement equation.
+        gyroscope: reading of the gyroscope.
+    """
+    if lever is None:
+        return law.formula(estimate, reading, aiding, gyroscope)
+    axes, rates = estimate.attitude.axes(), minus(Vector(*gyroscope), estimate.gyroscope_bias)
+    arm, turning = axes.in_world(lever), axes.in_world(cross(rates, lever))
+    at_sensor = estimate._replace(position=plus(estimate.position, arm), velocity=plus(estimate.velocity, turning))
+    measurements = []
+    for measurement in law.formula(at_sensor, reading, aiding, gyroscope):
+        derivatives = measurement.derivatives
+        rotation, bias = derivatives.rotation, derivatives.gyroscope_bias
+        if derivatives.position is not None:
+            rotation = _sum(rotation, cross(arm, _dense(derivatives.position)))
+        if derivatives.velocity is not None:
+            velocity = _dense(derivatives.velocity)
+            rotation = _sum(rotation, cross(turning, velocity))
+            bias = _sum(bias, cross(axes.in_body(velocity), lever))
+        measurements.append(
+            measurement._replace(derivatives=derivatives._replace(rotation=rotation, gyroscope_bias=bias))
+        )
+    return tuple(measurements)
+
+
+def _dense(derivatives: Vector) -> Vector:
+    """Return derivatives with zeros in place of None."""
+    return Vector._make(0.0 if each is None else each for each in derivatives)
+
+
+def _sum(derivatives: Vector | None, others: Vector) -> Vector:
+    return others if derivatives is None else plus(_dense(derivatives), others)
+
+
 def position_measurements(
     estimate: Estimate, reading: Vector, aiding: PositionAiding, _: BodyRates
 ) -> tuple[ScalarMeasurement, ...]:
@@ -211,7 +259,7 @@ def attitude_measurements(
     estimate: Estimate, reading: Attitude, aiding: AttitudeAiding, _: BodyRates
 ) -> tuple[ScalarMeasurement, ...]:
     """Return the measurements of an attitude."""
-    rotation = estimate.attitude.rotation_to(Quaternion.of(*reading))
+    rotation = estimate.attitude.relative_rotation_vector(Quaternion.of(*reading))
     rows = zip(estimate.attitude.axes().in_world(rotation), _UNIT_VECTORS, strict=True)
     return tuple(
         [

@@ -25,9 +25,9 @@ large, which is a difference of two nearly equal numbers. The filter limits this
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.estimation.estimate import ErrorState, Motion
+from drake_quad.estimation.estimate import ErrorState, InertialIncrement
 from drake_quad.framework.elementary import sqrt, total, where
-from drake_quad.geometry.axes import TINY, Vector
+from drake_quad.geometry.axes import TINY, BodyAxes, Vector
 from drake_quad.signals import EstimateDeviation, Number, Quantity, Row
 
 _NUM_ERRORS = len(EstimateDeviation._fields)
@@ -113,11 +113,14 @@ class ScalarMeasurement(NamedTuple):
     reset: str = "position"
 
 
-def propagated(covariance: Covariance, motion: Motion, noise: InertialNoise) -> Covariance:
-    """Return the covariance after a motion."""
+def propagated(
+    covariance: Covariance, increment: InertialIncrement, axes: BodyAxes, noise: InertialNoise
+) -> Covariance:
+    """Return the covariance after an increment, at whose beginning the body has given axes in W."""
     matrix = covariance.matrix()
-    time, (x, y, z) = motion.duration, motion.velocity_change
-    negative_rotations = [[-element for element in row] for row in zip(*motion.rotations, strict=True)]
+    time, (x, y, z) = increment.duration, axes.in_world(increment.velocity)
+    rotations = [axes.in_world(column) for column in increment.rotations]
+    negative_rotations = [[-element for element in row] for row in zip(*rotations, strict=True)]
     _add_rows(
         matrix, _INDICES.position, _INDICES.velocity, [[time, None, None], [None, time, None], [None, None, time]]
     )
@@ -136,22 +139,36 @@ def propagated(covariance: Covariance, motion: Motion, noise: InertialNoise) -> 
     return Covariance.of(matrix)
 
 
+class Gate(NamedTuple):
+    """Decision about measurements that do not agree with the estimate.
+
+    Attributes:
+        squared_limit: limit of the squared normalised innovation ν² / s.
+        resets: True if measurements beyond the limit reset the estimate; False if they change nothing.
+        time: time since the last reading within the limit, s; only needed for a reset.
+    """
+
+    squared_limit: Number
+    resets: bool
+    time: Row
+
+
 def corrected_error(
-    covariance: Covariance, measurements: Iterable[ScalarMeasurement], squared_limit: Number, is_ungated: bool
+    covariance: Covariance, measurements: Iterable[ScalarMeasurement], gate: Gate
 ) -> tuple[ErrorState, Covariance, tuple[Number, ...]]:
     """Return the estimated error, its covariance and the normalised innovations, given scalar measurements.
 
-    A measurement whose squared normalised innovation ν² / s exceeds a limit changes nothing. If the limit is ignored,
-    such a measurement resets the estimate: the variance of the measured quantity is increased by ν² beforehand, by an
+    The noises of the measurements are independent. The measurements are linearised at the same estimate.
+
+    A measurement that resets the estimate increases the variance of the measured quantity by ν² beforehand, by an
     error of the field `reset` that is independent of all other errors. Otherwise a jump of the position would tip the
-    attitude over. The noises of the
-    measurements are independent. The measurements are linearised at the same estimate.
+    attitude over. If this field is the position, the variance of the velocity is increased as well, by (ν / τ)², since
+    an error of the velocity over the time τ of the gate would explain the innovation.
 
     Args:
         covariance: covariance before the first measurement.
         measurements: scalar measurements.
-        squared_limit: limit of ν² / s.
-        is_ungated: True if the limit is ignored.
+        gate: decision about measurements that do not agree with the estimate.
     """
     matrix = covariance.matrix()
     error = [0.0] * _NUM_ERRORS
@@ -162,15 +179,18 @@ def corrected_error(
         variance = total([_product(each, gains[i]) for i, each in nonzero]) + deviation * deviation
         remaining = innovation - total([_product(each, error[i]) for i, each in nonzero])
         squared = remaining * remaining
-        is_used = squared <= squared_limit * variance
+        is_used = squared <= gate.squared_limit * variance
         normalised.append(remaining / sqrt(variance))
         increase = where(is_used, 0.0, squared)
-        for i, weight in _reset_direction(derivatives, reset):
+        direction = _reset_direction(derivatives, reset)
+        for i, weight in direction:
             gains[i] = gains[i] + weight * increase
-            for j, other in _reset_direction(derivatives, reset):
-                if j >= i:
-                    matrix[i][j] = matrix[j][i] = matrix[i][j] + where(is_ungated, weight * other * increase, 0.0)
-        factor = where(is_ungated | is_used, 1.0 / (variance + increase), 0.0)
+        added = where(gate.resets, increase, 0.0)
+        _add_variance(matrix, direction, added)
+        if reset == "position":
+            to_velocity = _INDICES.velocity.start - _INDICES.position.start
+            _add_variance(matrix, [(i + to_velocity, weight) for i, weight in direction], added / (gate.time * gate.time))
+        factor = where(gate.resets | is_used, 1.0 / (variance + increase), 0.0)
         for i in range(_NUM_ERRORS):
             gain = gains[i] * factor
             error[i] = error[i] + gain * remaining
@@ -178,6 +198,14 @@ def corrected_error(
                 matrix[i][j] = matrix[j][i] = matrix[i][j] - gain * gains[j]
     blocks = ErrorState._make(Vector(*error[i : i + 3]) for i in range(0, _NUM_ERRORS, 3))
     return blocks, Covariance.of(matrix), tuple(normalised)
+
+
+def _add_variance(matrix: list[list[Row]], direction: Sequence[tuple[int, Row]], variance: Row) -> None:
+    """Add an independent error along a direction, given by indices and components, to a covariance."""
+    for i, weight in direction:
+        for j, other in direction:
+            if j >= i:
+                matrix[i][j] = matrix[j][i] = matrix[i][j] + weight * other * variance
 
 
 def _reset_direction(derivatives: Any, reset: str) -> list[tuple[int, Row]]:

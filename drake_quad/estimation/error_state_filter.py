@@ -1,18 +1,41 @@
-"""Error-state Kalman filter on board: inertial navigation, corrected by readings of other sensors."""
+"""Error-state Kalman filter on board: inertial navigation, corrected by readings of other sensors.
+
+The filter works at a horizon, a constant time before the present. The horizon is the longest latency of its aiding
+sensors, so a reading has always arrived when the horizon reaches the time at which it was taken. Samples of the
+inertial measurement unit are summed over blocks of several samples. Blocks between the horizon and the present are
+stored. The estimate at the present is the estimate at the horizon, predicted over these blocks and over the samples of
+the current block:
+
+    time        horizon                                    present
+                   ├──── block ────┼──── block ────┼── samples ──┤
+    estimate    filter                              ahead        output
+
+PX4 uses the same structure, with a slower predictor between the horizon and the present (A. Khosravian et al.,
+"Recursive attitude estimation in the presence of multi-rate and multi-delay vector measurements", ACC 2015).
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, levelled
-from drake_quad.estimation.covariance import Covariance, InertialNoise, corrected_error, propagated
-from drake_quad.estimation.estimate import NO_MOTION, Estimate, Motion, predicted, state_of, with_error
-from drake_quad.framework.elementary import identity, minimum, total, where, where_needed
+from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, levelled, measurements_at
+from drake_quad.estimation.covariance import Covariance, Gate, InertialNoise, corrected_error, propagated
+from drake_quad.estimation.estimate import (
+    NO_INCREMENT,
+    Estimate,
+    InertialIncrement,
+    extended,
+    predicted,
+    state_of,
+    with_biases_of,
+    with_error,
+)
+from drake_quad.framework.elementary import identity, maximum, minimum, total, where, lazy_where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of, rows_layout
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.quaternion import NO_ROTATION
-from drake_quad.signals import Angle, BodyRates, EstimateDeviation, Number, Quantity, Row, Valid, valid_signal
+from drake_quad.signals import Angle, BodyRates, EstimateDeviation, Number, Quantity, Row, State, Valid, valid_signal
 
 
 class Aiding(NamedTuple):
@@ -23,12 +46,14 @@ class Aiding(NamedTuple):
         kind: type of the readings, a name in `AIDING_LAWS`.
         samples: period of the readings, a whole number of samples of the inertial measurement unit.
         can_miss: True if readings can be missing; the filter then has an input port for the validity of the readings.
+        latency: time from a reading to its arrival, a whole number of its periods.
     """
 
     name: str
     kind: str
     samples: int = 1
     can_miss: bool = False
+    latency: int = 0
 
     @property
     def law(self) -> AidingLaw:
@@ -45,11 +70,14 @@ class AidingParameters(NamedTuple):
         max_rejections: number of successive readings with a rejected measurement, after which readings reset the
             measured quantity until they obey the limit again. Without this number, a filter with a wrong estimate and
             a small covariance would reject all readings.
+        lever: position of the sensor relative to the inertial measurement unit, along the axes of B, m; None if both
+            are at the same place.
     """
 
     sensor: Any
     innovation_limit: Annotated[Row, Quantity("1", sign="positive")]
     max_rejections: Annotated[Row, Quantity("1", sign="nonnegative")] = 10.0
+    lever: Vector | None = None
 
 
 class FilterParameters(NamedTuple):
@@ -59,48 +87,69 @@ class FilterParameters(NamedTuple):
         noise: noise of the inertial measurement unit.
         initial: standard deviations of the errors of the initial estimate.
         aiding: parameters of the aiding sensors, in the order of the structure.
-        initial_yaw: yaw of the initial estimate.
+        start: initial estimate; None for a vehicle that is at rest at the origin with an unknown tilt.
+        initial_yaw: yaw of the initial estimate if `start` is None.
         gravity: gravitational acceleration.
+        imu: position of the inertial measurement unit relative to the centre of mass, along the axes of B, m; None if
+            it is at the centre of mass.
     """
 
     noise: InertialNoise
     initial: EstimateDeviation
     aiding: tuple[AidingParameters, ...]
+    start: Estimate | None = None
     initial_yaw: Angle = 0.0
     gravity: Annotated[Row, Quantity("m/s²", sign="positive")] = 9.81
+    imu: Vector | None = None
 
 
 class Counters(NamedTuple):
-    """Counters of a filter.
+    """Counters of a filter, in samples of the inertial measurement unit except for the rejections.
 
     Attributes:
         waits_for_start: 1 before the first sample, then 0.
-        samples_to_propagation: samples until the next propagation of the covariance.
-        samples_to_reading: samples until the next reading of each aiding sensor.
+        samples_to_block: samples until the next block begins.
+        samples_to_arrival: samples until the next reading of each aiding sensor arrives.
+        samples_to_reading: samples until the horizon reaches the next reading of each aiding sensor.
         rejections: number of successive readings of each aiding sensor with a rejected measurement, at most
             `max_rejections`; this is also the value before the first reading.
     """
 
     waits_for_start: Number
-    samples_to_propagation: Number
+    samples_to_block: Number
+    samples_to_arrival: tuple[Number, ...]
     samples_to_reading: tuple[Number, ...]
     rejections: tuple[Number, ...]
+
+
+class StoredReading(NamedTuple):
+    """Reading of an aiding sensor that waits for the horizon; the validity is None if no reading can be missing."""
+
+    reading: Any
+    validity: Valid | None
 
 
 class Memory(NamedTuple):
     """State of a filter.
 
     Attributes:
-        estimate: estimate at the current time.
-        covariance: covariance of its errors, without the motion since the last propagation.
-        motion: motion since the last propagation of the covariance.
-        counters: counters of samples.
+        estimate: estimate at the horizon, at the beginning of the oldest block.
+        covariance: covariance of its errors.
+        increment: samples of the current block.
+        blocks: complete blocks between the horizon and the current block, the latest first; an empty tuple if the
+            filter has no latency.
+        ahead: estimate at the beginning of the current block; None if the filter has no latency.
+        stored: latest readings of each aiding sensor that wait for the horizon, the latest first.
+        counters: counters.
         innovation: latest normalised innovations of each scalar measurement.
     """
 
     estimate: Estimate
     covariance: Covariance
-    motion: Motion
+    increment: InertialIncrement
+    blocks: tuple[InertialIncrement, ...]
+    ahead: Estimate | None
+    stored: tuple[tuple[StoredReading, ...], ...]
     counters: Counters
     innovation: tuple[Number, ...]
 
@@ -111,83 +160,200 @@ class FilterStructure(NamedTuple):
     Attributes:
         aiding: aiding sensors.
         period: sampling period of the inertial measurement unit, s.
-        propagation_samples: number of samples between propagations of the covariance.
+        block_samples: number of samples in a block.
     """
 
     aiding: tuple[Aiding, ...]
     period: float
-    propagation_samples: int
+    block_samples: int
+
+    @property
+    def horizon(self) -> int:
+        """Time from the horizon to the beginning of the current block, in samples."""
+        return max((each.latency * each.samples for each in self.aiding), default=0)
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of complete blocks between the horizon and the current block."""
+        return self.horizon // self.block_samples
+
+    def num_stored(self, aiding: Aiding) -> int:
+        """Return the number of readings of a sensor that wait for the horizon; 0 if each is used when it arrives."""
+        waiting = (self.horizon - aiding.latency * aiding.samples) // aiding.samples
+        return waiting + 1 if waiting else 0
+
+    @property
+    def num_scalars(self) -> int:
+        """Number of scalar measurements of all aiding sensors."""
+        return sum(each.law.num_scalars for each in self.aiding)
 
 
-def initial_memory(parameters: FilterParameters, num_scalars: int) -> Memory:
-    """Return the state of a filter before its first sample.
-
-    Args:
-        parameters: parameters of the filter.
-        num_scalars: number of scalar measurements of all aiding sensors.
-    """
-    zero, zeros = Vector(0.0, 0.0, 0.0), (0.0,) * len(parameters.aiding)
-    return Memory(
-        Estimate(zero, zero, NO_ROTATION, zero, zero),
-        Covariance.diagonal(parameters.initial),
-        NO_MOTION,
-        Counters(1.0, 0.0, zeros, tuple([each.max_rejections for each in parameters.aiding])),
-        (0.0,) * num_scalars,
+def initial_memory(structure: FilterStructure, parameters: FilterParameters) -> Memory:
+    """Return the state of a filter before its first sample."""
+    zero, start = Vector(0.0, 0.0, 0.0), parameters.start
+    if start is None:
+        start = Estimate(zero, zero, NO_ROTATION, zero, zero)
+    increment = NO_INCREMENT._replace(
+        gyroscope_bias=start.gyroscope_bias, accelerometer_bias=start.accelerometer_bias
     )
+    arrivals = tuple([float(each.latency * each.samples) for each in structure.aiding])
+    readings = (float(structure.horizon),) * len(structure.aiding)
+    rejections = tuple([each.max_rejections for each in parameters.aiding])
+    return Memory(
+        start,
+        Covariance.diagonal(parameters.initial),
+        increment,
+        (increment,) * structure.num_blocks,
+        start if structure.num_blocks else None,
+        tuple([(_no_reading(each),) * structure.num_stored(each) for each in structure.aiding]),
+        Counters(1.0, 0.0, arrivals, readings, rejections),
+        (0.0,) * structure.num_scalars,
+    )
+
+
+def _no_reading(aiding: Aiding) -> StoredReading:
+    layout = layout_of(aiding.law.reading)
+    return StoredReading(layout.build([0.0] * layout.num_rows), Valid(0.0) if aiding.can_miss else None)
 
 
 def filter_step(
     structure: FilterStructure,
-    estimate: Estimate,
-    covariance: Covariance,
-    motion: Motion,
-    counters: Counters,
-    innovation: tuple[Number, ...],
+    memory: Memory,
     parameters: FilterParameters,
     gyroscope: BodyRates,
     accelerometer: Vector,
-    *readings: Any,
-) -> tuple[Any, ...]:
+    readings: Sequence[StoredReading],
+) -> Memory:
     """Return the state of a filter after a sample of the inertial measurement unit.
 
     Args:
         structure: structure of the filter.
-        estimate: estimate at the time of the readings.
-        covariance: covariance at the last propagation.
-        motion: motion since then.
-        counters: counters of samples.
-        innovation: latest normalised innovations.
+        memory: state before the sample.
         parameters: parameters of the filter.
         gyroscope: reading of the gyroscope.
         accelerometer: reading of the accelerometer along the axes of B, m/s².
-        readings: reading and validity of each aiding sensor; the validity is None if no reading can be missing.
+        readings: latest reading of each aiding sensor.
     """
-    starts = counters.waits_for_start > 0.5
+    waits = memory.counters
+    begins = waits.samples_to_block < 0.5
+    memory = memory._replace(stored=_with_arrivals(memory, readings))
+    if parameters.start is None:
+        memory = _levelled(memory, parameters, accelerometer)
+    memory = _at_next_horizon(structure, memory, parameters, begins)
+    memory = _corrected(structure, memory, parameters, gyroscope, readings)
+    memory = _with_new_block(structure, memory, parameters, gyroscope, begins)
+    samples = [each.samples for each in structure.aiding]
+    counters = memory.counters._replace(
+        waits_for_start=0.0,
+        samples_to_block=_next_wait(waits.samples_to_block, structure.block_samples),
+        samples_to_arrival=tuple(map(_next_wait, waits.samples_to_arrival, samples)),
+        samples_to_reading=tuple(map(_next_wait, waits.samples_to_reading, samples)),
+    )
+    increment = extended(memory.increment, gyroscope, accelerometer, structure.period)
+    return memory._replace(increment=increment, counters=counters)
+
+
+def _with_arrivals(memory: Memory, readings: Sequence[StoredReading]) -> tuple[tuple[StoredReading, ...], ...]:
+    """Return the stored readings after the readings that arrive at this sample."""
+    waits = memory.counters.samples_to_arrival
+    return tuple(
+        [
+            where(wait < 0.5, (reading, *stored)[:-1], stored) if stored else ()
+            for stored, reading, wait in zip(memory.stored, readings, waits, strict=True)
+        ]
+    )
+
+
+def _levelled(memory: Memory, parameters: FilterParameters, accelerometer: Vector) -> Memory:
+    """Return the state whose attitude follows from the accelerometer if this is the first sample."""
+    estimate, starts = memory.estimate, memory.counters.waits_for_start > 0.5
     attitude = _if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
-    estimate = estimate._replace(attitude=attitude)
-    is_due: Any = True if structure.propagation_samples == 1 else counters.samples_to_propagation < 0.5
-    covariance = _if_needed(is_due, propagated, (covariance, motion, parameters.noise), covariance)
-    motion = where(is_due, NO_MOTION, motion)
-    waits, rejections, innovations, first = [], [], [], 0
+    return memory._replace(estimate=estimate._replace(attitude=attitude))
+
+
+def _at_next_horizon(
+    structure: FilterStructure, memory: Memory, parameters: FilterParameters, begins: Any
+) -> Memory:
+    """Return the state with a horizon that is one block later, if a block begins at this sample."""
+    blocks = (memory.increment, *memory.blocks)
+    arguments = memory.estimate, memory.covariance, blocks[-1], parameters.noise, parameters.gravity
+    estimate, covariance = _if_needed(begins, _after_block, arguments, (memory.estimate, memory.covariance))
+    if structure.num_blocks:
+        memory = memory._replace(blocks=where(begins, blocks[:-1], memory.blocks))
+    return memory._replace(estimate=estimate, covariance=covariance)
+
+
+def _after_block(
+    estimate: Estimate, covariance: Covariance, block: InertialIncrement, noise: InertialNoise, gravity: Row
+) -> tuple[Estimate, Covariance]:
+    """Return an estimate and its covariance at the end of a block."""
+    block = with_biases_of(block, estimate)
+    return predicted(estimate, block, gravity), propagated(covariance, block, estimate.attitude.axes(), noise)
+
+
+def _corrected(
+    structure: FilterStructure,
+    memory: Memory,
+    parameters: FilterParameters,
+    gyroscope: BodyRates,
+    readings: Sequence[StoredReading],
+) -> Memory:
+    """Return the state after the corrections by the readings that were taken at the horizon."""
+    estimate, covariance, counters = memory.estimate, memory.covariance, memory.counters
+    rates = memory.blocks[-1].first_rates if memory.blocks else gyroscope
+    rejections, innovations, first = [], [], 0
     for k, (aiding, aiding_parameters) in enumerate(zip(structure.aiding, parameters.aiding, strict=True)):
-        reading, validity = readings[2 * k : 2 * k + 2]
-        is_new: Any = True if aiding.samples == 1 else counters.samples_to_reading[k] < 0.5
-        waits.append(_next_count(is_new, counters.samples_to_reading[k], aiding.samples))
+        reading, validity = memory.stored[k][-1] if memory.stored[k] else readings[k]
+        is_new = counters.samples_to_reading[k] < 0.5
         if validity is not None:
             is_new = is_new & (validity.valid > 0.5)
-        before = innovation[first : first + aiding.law.num_scalars]
+        before = memory.innovation[first : first + aiding.law.num_scalars]
         first += aiding.law.num_scalars
-        arguments = estimate, covariance, reading, aiding_parameters, gyroscope, counters.rejections[k]
+        arguments = estimate, covariance, reading, aiding_parameters, rates, counters.rejections[k]
         after = _if_needed(
-            is_new, _Correction(aiding.law), arguments, Corrected(estimate, covariance, before, counters.rejections[k])
+            is_new,
+            _Correction(aiding.law, aiding.samples * structure.period),
+            arguments,
+            Corrected(estimate, covariance, before, counters.rejections[k]),
         )
         estimate, covariance = after.estimate, after.covariance
         innovations += after.innovation
         rejections.append(after.rejections)
-    estimate, motion = predicted(estimate, motion, gyroscope, accelerometer, parameters.gravity, structure.period)
-    wait = _next_count(is_due, counters.samples_to_propagation, structure.propagation_samples)
-    counters = Counters(0.0, wait, tuple(waits), tuple(rejections))
-    return estimate, covariance, motion, counters, tuple(innovations)
+    return memory._replace(
+        estimate=estimate,
+        covariance=covariance,
+        innovation=tuple(innovations),
+        counters=counters._replace(rejections=tuple(rejections)),
+    )
+
+
+def _with_new_block(
+    structure: FilterStructure, memory: Memory, parameters: FilterParameters, gyroscope: BodyRates, begins: Any
+) -> Memory:
+    """Return the state with an empty current block, if a block begins at this sample."""
+    estimate = memory.estimate
+    empty = NO_INCREMENT._replace(
+        gyroscope_bias=estimate.gyroscope_bias,
+        accelerometer_bias=estimate.accelerometer_bias,
+        first_rates=gyroscope,
+    )
+    memory = memory._replace(increment=where(begins, empty, memory.increment))
+    if structure.num_blocks:
+        ahead = _if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.ahead)
+        memory = memory._replace(ahead=ahead)
+    return memory
+
+
+def _at_present(estimate: Estimate, blocks: tuple[InertialIncrement, ...], gravity: Row) -> Estimate:
+    """Return an estimate after several blocks, of which the latest comes first."""
+    for block in reversed(blocks):
+        estimate = predicted(estimate, with_biases_of(block, estimate), gravity)
+    return estimate
+
+
+def _next_wait(wait: Number, period: int) -> Number:
+    """Return the number of samples to the next event of a given period, after a sample."""
+    return where(wait < 0.5, period - 1.0, wait - 1.0)
 
 
 class Corrected(NamedTuple):
@@ -208,9 +374,15 @@ class Corrected(NamedTuple):
 
 @dataclass(frozen=True)
 class _Correction:
-    """Formula of the correction by a reading with a given measurement equation."""
+    """Formula of the correction by a reading.
+
+    Attributes:
+        law: measurement equation.
+        period: time between readings, s.
+    """
 
     law: AidingLaw
+    period: float
 
     def __call__(
         self,
@@ -221,11 +393,12 @@ class _Correction:
         gyroscope: BodyRates,
         rejections: Number,
     ) -> Corrected:
-        measurements = self.law.formula(estimate, reading, parameters.sensor, gyroscope)
-        limit, maximum = parameters.innovation_limit, parameters.max_rejections
-        error, covariance, innovation = corrected_error(covariance, measurements, limit, rejections >= maximum)
-        is_rejected = total([where(each * each <= limit, 0.0, 1.0) for each in innovation]) > 0.5
-        rejections = where(is_rejected, minimum(rejections + 1.0, maximum), 0.0)
+        measurements = measurements_at(parameters.lever, self.law, estimate, reading, parameters.sensor, gyroscope)
+        resets = rejections >= parameters.max_rejections
+        gate = Gate(parameters.innovation_limit, resets, self.period * maximum(rejections, 1.0))
+        error, covariance, innovation = corrected_error(covariance, measurements, gate)
+        is_rejected = total([where(each * each <= parameters.innovation_limit, 0.0, 1.0) for each in innovation]) > 0.5
+        rejections = where(is_rejected, minimum(rejections + 1.0, parameters.max_rejections), 0.0)
         return Corrected(with_error(estimate, error), covariance, innovation, rejections)
 
 
@@ -234,19 +407,38 @@ class _InitialGroup:
     """Function that computes the initial value of a field of `Memory` from the parameters."""
 
     name: str
-    num_scalars: int
+    structure: FilterStructure
 
     def __call__(self, parameters: FilterParameters) -> Any:
-        return getattr(initial_memory(parameters, self.num_scalars), self.name)
+        return getattr(initial_memory(self.structure, parameters), self.name)
 
 
-def _next_count(is_due: Any, count: Number, period: int) -> Number:
-    """Return the number of samples to the next event of a given period, after a sample."""
-    return 0.0 if period == 1 else where(is_due, period - 1.0, count - 1.0)
+@dataclass(frozen=True)
+class _Step:
+    """Formula of `filter_step`, whose arguments are the fields of `Memory` and the ports."""
+
+    structure: FilterStructure
+
+    def __call__(self, parameters: FilterParameters, gyroscope: BodyRates, accelerometer: Vector, *others: Any) -> Any:
+        memory, ports = Memory(*others[: len(Memory._fields)]), others[len(Memory._fields) :]
+        readings = tuple(map(StoredReading, ports[0::2], ports[1::2]))
+        return filter_step(self.structure, memory, parameters, gyroscope, accelerometer, readings)
+
+
+def _state_at_present(
+    parameters: FilterParameters,
+    gyroscope: BodyRates,
+    estimate: Estimate,
+    increment: InertialIncrement,
+    ahead: Estimate | None,
+) -> State:
+    """Return the estimated state of the vehicle at the present."""
+    present = predicted(estimate if ahead is None else ahead, increment, parameters.gravity)
+    return state_of(present, gyroscope, parameters.imu)
 
 
 def _if_needed(mask: Any, formula: Callable[..., Any], arguments: Sequence[Any], otherwise: Any) -> Any:
-    """Return `where_needed` of a formula of records.
+    """Return `lazy_where` of a formula of records.
 
     Args:
         mask: Boolean for each vehicle, true if the vehicle needs the formula.
@@ -265,7 +457,7 @@ def _if_needed(mask: Any, formula: Callable[..., Any], arguments: Sequence[Any],
         return tuple(result.flatten(formula(*records)))
 
     flat = [row for layout, each in zip(layouts, arguments, strict=True) for row in layout.flatten(each)]
-    return result.build(where_needed(mask, of_rows, flat, tuple(result.flatten(otherwise))))
+    return result.build(lazy_where(mask, of_rows, flat, tuple(result.flatten(otherwise))))
 
 
 @fleet_system(float, AutoDiffXd)
@@ -287,28 +479,28 @@ class ErrorStateKalmanFilter(FleetSystem):
 
     At every multiple of the period h, except for time zero, the filter reads its input ports, whose values were sampled
     one period before. It corrects the estimate by the readings of the aiding sensors, and predicts it over one period.
-    The outputs therefore have no delay if the sensors have none. An aiding sensor with a period of several samples has
-    new readings at multiples of its period.
+    An aiding sensor with a period of several samples has new readings at multiples of its period, and a reading arrives
+    after its latency. The output `measurement` has no delay, whatever the latencies are.
 
-    The covariance is propagated every `propagation_samples` samples, over the sum of their motions. A propagation costs
-    as much as four predictions. `estimate_deviation` is the standard deviation after the last correction. `innovation`
-    contains the latest normalised innovations of each scalar measurement, sensor by sensor.
+    A block has `block_samples` samples. Corrections and propagations of the covariance take place at the beginnings of
+    blocks, and readings are taken there. `estimate_deviation` is the standard deviation at the horizon, after the last
+    correction. `innovation` contains the latest normalised innovations of each scalar measurement, sensor by sensor.
 
-    The vehicle is at rest at the first sample. Roll and pitch are estimated from the direction of the accelerometer's
-    reading, and the first reading of each aiding sensor is used even if its innovation is large. Position and yaw
-    therefore begin at the first readings if their initial deviations are large.
+    Without an initial estimate, the vehicle is at rest at the first sample. Roll and pitch are estimated from the
+    direction of the accelerometer's reading, and the first reading of each aiding sensor is used even if its innovation
+    is large. Position and yaw therefore begin at the first readings if their initial deviations are large.
 
     The block shows the ports of a filter with the aiding sensor `position`, whose readings can be missing.
 
     Args:
         num_vehicles: number of vehicles N.
-        aiding: aiding sensors. Their periods are multiples of `propagation_samples`.
+        aiding: aiding sensors. Their periods are multiples of `block_samples`.
         period: sampling period h of the inertial measurement unit, s.
-        propagation_samples: number of samples between propagations of the covariance.
+        block_samples: number of samples in a block.
         parameters: parameters of the filter.
 
     Raises:
-        ValueError: if a period is not a multiple of `propagation_samples`, or if parameters belong to another sensor.
+        ValueError: if a period is not a multiple of `block_samples`, or if parameters belong to another sensor.
     """
 
     def declare(
@@ -316,12 +508,12 @@ class ErrorStateKalmanFilter(FleetSystem):
         *,
         aiding: tuple[Aiding, ...],
         period: float,
-        propagation_samples: int = 1,
+        block_samples: int = 1,
         parameters: FilterParameters,
     ) -> None:
         """Declare ports, states and parameters."""
-        _check(aiding, propagation_samples, parameters)
-        num_scalars = sum(each.law.num_scalars for each in aiding)
+        _check(aiding, block_samples, parameters)
+        structure = FilterStructure(tuple(aiding), period, block_samples)
         gyroscope = self.input("gyroscope", layout=layout_of(BodyRates))
         accelerometer = self.input("accelerometer", layout=layout_of(Vector))
         readings: list[Any] = []
@@ -330,28 +522,37 @@ class ErrorStateKalmanFilter(FleetSystem):
             valid = self.input(valid_signal(each.name), layout=layout_of(Valid)) if each.can_miss else None
             readings.append(valid)
         parameter = self.parameter("parameters", lambda parameters: parameters)
-        groups = [self.state(name, _InitialGroup(name, num_scalars)) for name in Memory._fields]
-        structure = FilterStructure(tuple(aiding), period, propagation_samples)
-        reads = structure, *groups, parameter, gyroscope, accelerometer, *readings
-        self.update(period, filter_step, *reads, writes=groups, at_start=False)
-        estimate, covariance, _, _, innovation = groups
-        self.output("measurement", state_of, estimate, gyroscope)
-        self.output("estimate_deviation", Covariance.deviations, covariance)
-        self.output("innovation", identity, innovation, layout=rows_layout(num_scalars))
+        initial = initial_memory(structure, parameters)
+        has_rows = Memory(*map(_has_rows, initial))
+        writes = Memory._make(
+            self.state(name, _InitialGroup(name, structure)) if has else None
+            for name, has in zip(Memory._fields, has_rows, strict=True)
+        )
+        reads = [given if group is None else group for group, given in zip(writes, initial, strict=True)]
+        arguments = parameter, gyroscope, accelerometer, *reads, *readings
+        self.update(period, _Step(structure), *arguments, writes=writes, at_start=False)
+        present = parameter, gyroscope, writes.estimate, writes.increment, writes.ahead
+        self.output("measurement", _state_at_present, *present)
+        self.output("estimate_deviation", Covariance.deviations, writes.covariance)
+        self.output("innovation", identity, writes.innovation, layout=rows_layout(structure.num_scalars))
 
 
-def _check(aiding: Sequence[Aiding], propagation_samples: int, parameters: FilterParameters) -> None:
-    if propagation_samples < 1:
-        raise ValueError(f"propagation_samples is {propagation_samples}, but must be at least 1")
+def _has_rows(record: Any) -> bool:
+    return record is not None and layout_of(type(record), record).num_rows > 0
+
+
+def _check(aiding: Sequence[Aiding], block_samples: int, parameters: FilterParameters) -> None:
+    if block_samples < 1:
+        raise ValueError(f"block_samples is {block_samples}, but must be at least 1")
     if len(aiding) != len(parameters.aiding):
         raise ValueError(f"there are parameters for {len(parameters.aiding)} aiding sensors, but {len(aiding)} sensors")
     for each, given in zip(aiding, parameters.aiding, strict=True):
         if each.kind not in AIDING_LAWS:
             raise ValueError(f"{each.name} has the kind {each.kind!r}, but must have one of {', '.join(AIDING_LAWS)}")
-        if each.samples < 1 or each.samples % propagation_samples:
+        if each.samples < 1 or each.samples % block_samples:
             raise ValueError(
-                f"{each.name} has a period of {each.samples} samples, but must have a multiple of propagation_samples,"
-                f" which is {propagation_samples}"
+                f"{each.name} has a period of {each.samples} samples, but must have a multiple of block_samples,"
+                f" which is {block_samples}"
             )
         if type(given.sensor) is not each.law.aiding:
             raise ValueError(

@@ -13,8 +13,8 @@ and an error of the yaw of a hovering vehicle is a single component, δθ_z.
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.geometry.axes import BodyAxes, Vector, minus, plus, times
-from drake_quad.geometry.quaternion import Quaternion
+from drake_quad.geometry.axes import BodyAxes, Vector, cross, minus, plus, times
+from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
 from drake_quad.signals import BodyRates, Quantity, Row, State, Time
 
 
@@ -54,59 +54,98 @@ class ErrorState(NamedTuple):
     accelerometer_bias: Vector
 
 
-class Motion(NamedTuple):
-    """Sums over the samples of the inertial measurement unit since the last propagation of the covariance.
+class InertialIncrement(NamedTuple):
+    """Motion over successive samples of the inertial measurement unit, relative to its beginning.
+
+    The integrals are in the axes that the body has at the beginning, and without gravity (C. Forster et al., "On-manifold
+    preintegration", IEEE Transactions on Robotics 33, 2017, section VI). They do not depend on the estimate, except for
+    the biases.
 
     Attributes:
         duration: sum of the sampling periods.
-        velocity_change: integral of the specific force in W, m/s.
-        rotations: integral of the rotation matrix R_WB, s.
+        rotation: rotation from the axes of the body at the end to its axes at the beginning.
+        velocity: integral of the specific force, m/s.
+        position: integral of `velocity`, m.
+        rotations: integral of the matrix of `rotation`, s.
+        gyroscope_bias: bias that was subtracted from the readings of the gyroscope, rad/s.
+        accelerometer_bias: bias that was subtracted from the readings of the accelerometer, m/s².
+        first_rates: first reading of the gyroscope.
     """
 
     duration: Time
-    velocity_change: Vector
+    rotation: Quaternion
+    velocity: Vector
+    position: Vector
     rotations: BodyAxes
+    gyroscope_bias: Vector
+    accelerometer_bias: Vector
+    first_rates: BodyRates
 
 
 _ZERO = Vector(0.0, 0.0, 0.0)
-NO_MOTION = Motion(0.0, _ZERO, BodyAxes(_ZERO, _ZERO, _ZERO))
+NO_INCREMENT = InertialIncrement(
+    0.0, NO_ROTATION, _ZERO, _ZERO, BodyAxes(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO, BodyRates(0.0, 0.0, 0.0)
+)
 
 
-def predicted(
-    estimate: Estimate,
-    motion: Motion,
-    gyroscope: BodyRates,
-    accelerometer: Vector,
-    gravity: Annotated[Row, Quantity("m/s²")],
-    period: float,
-) -> tuple[Estimate, Motion]:
-    """Return the estimate one sample later, and the sums of the samples.
+def extended(
+    increment: InertialIncrement, gyroscope: BodyRates, accelerometer: Vector, period: float
+) -> InertialIncrement:
+    """Return an increment with one more sample of the inertial measurement unit.
 
-    Body rates and specific force along the axes of B are constant over a sample. The force is transformed to W with the
+    Body rates and specific force along the axes of B are constant over a sample. The force is transformed with the
     attitude in the middle of the sample, because the error of the attitude at the start is of first order in h.
 
     Args:
-        estimate: estimate at the time of the reading.
-        motion: sums over earlier samples.
+        increment: increment up to the sample.
         gyroscope: reading of the gyroscope.
         accelerometer: reading of the accelerometer along the axes of B, m/s².
-        gravity: gravitational acceleration.
         period: sampling period h, s.
     """
-    rates = minus(Vector(*gyroscope), estimate.gyroscope_bias)
+    rates = minus(Vector(*gyroscope), increment.gyroscope_bias)
     half_turn = Quaternion.of_rotation(times(0.5 * period, rates))
-    middle = estimate.attitude.times(half_turn)
+    middle = increment.rotation.times(half_turn)
     axes = middle.axes()
-    change = times(period, axes.in_world(minus(accelerometer, estimate.accelerometer_bias)))
-    velocity = plus(estimate.velocity, change._replace(z=change.z - period * gravity))
-    position = plus(estimate.position, times(0.5 * period, plus(estimate.velocity, velocity)))
-    sums = Motion(
-        motion.duration + period,
-        plus(motion.velocity_change, change),
-        BodyAxes._make(plus(total, times(period, axis)) for total, axis in zip(motion.rotations, axes, strict=True)),
+    change = times(period, axes.in_world(minus(accelerometer, increment.accelerometer_bias)))
+    velocity = plus(increment.velocity, change)
+    sums = zip(increment.rotations, axes, strict=True)
+    return increment._replace(
+        duration=increment.duration + period,
+        rotation=middle.times(half_turn).normalised(),
+        velocity=velocity,
+        position=plus(increment.position, times(0.5 * period, plus(increment.velocity, velocity))),
+        rotations=BodyAxes._make(plus(integral, times(period, axis)) for integral, axis in sums),
     )
-    attitude = middle.times(half_turn).normalised()
-    return estimate._replace(position=position, velocity=velocity, attitude=attitude), sums
+
+
+def with_biases_of(increment: InertialIncrement, estimate: Estimate) -> InertialIncrement:
+    """Return an increment for the biases of an estimate, which differ from those of the increment.
+
+    The change is of first order in the difference, as in the propagation of the covariance.
+    """
+    turn = increment.rotations.in_world(minus(increment.gyroscope_bias, estimate.gyroscope_bias))
+    force = increment.rotations.in_world(minus(increment.accelerometer_bias, estimate.accelerometer_bias))
+    return increment._replace(
+        rotation=Quaternion.of_rotation(turn).times(increment.rotation),
+        velocity=plus(increment.velocity, force),
+        gyroscope_bias=estimate.gyroscope_bias,
+        accelerometer_bias=estimate.accelerometer_bias,
+    )
+
+
+def predicted(
+    estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]
+) -> Estimate:
+    """Return the estimate at the end of an increment that begins at the estimate."""
+    axes, time = estimate.attitude.axes(), increment.duration
+    change, way = axes.in_world(increment.velocity), axes.in_world(increment.position)
+    fall = time * gravity
+    way = plus(plus(way, times(time, estimate.velocity)), Vector(0.0, 0.0, -0.5 * time * fall))
+    return estimate._replace(
+        position=plus(estimate.position, way),
+        velocity=plus(estimate.velocity, change._replace(z=change.z - fall)),
+        attitude=estimate.attitude.times(increment.rotation).normalised(),
+    )
 
 
 def with_error(estimate: Estimate, error: ErrorState) -> Estimate:
@@ -124,8 +163,17 @@ def with_error(estimate: Estimate, error: ErrorState) -> Estimate:
     )
 
 
-def state_of(estimate: Estimate, gyroscope: BodyRates) -> State:
-    """Return the estimated state of the vehicle, with the body rates of a reading of the gyroscope without its bias."""
-    angles = estimate.attitude.axes().angles()
+def state_of(estimate: Estimate, gyroscope: BodyRates, imu: Vector | None = None) -> State:
+    """Return the estimated state of the vehicle, with the body rates of a reading of the gyroscope without its bias.
+
+    Args:
+        estimate: estimate of the inertial measurement unit.
+        gyroscope: reading of the gyroscope.
+        imu: position of the inertial measurement unit relative to the centre of mass, m; None if it is there.
+    """
+    axes, position, velocity = estimate.attitude.axes(), estimate.position, estimate.velocity
     rates = minus(Vector(*gyroscope), estimate.gyroscope_bias)
-    return State(*estimate.position, *angles, *estimate.velocity, *rates)
+    if imu is not None:
+        position = minus(position, axes.in_world(imu))
+        velocity = minus(velocity, axes.in_world(cross(rates, imu)))
+    return State(*position, *axes.angles(), *velocity, *rates)

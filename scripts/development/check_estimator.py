@@ -108,7 +108,7 @@ def estimated_errors(table: Table, samples: int, lag: float) -> Errors:
     system = ErrorStateKalmanFilter(
         aiding=(Aiding("position", "position", samples),),
         period=_PERIOD,
-        propagation_samples=samples,
+        block_samples=samples,
         parameters=FilterParameters(_NOISE, _INITIAL, (aiding,), initial_yaw=float(table.attitude[0, 2])),
     )
     context = system.CreateDefaultContext()
