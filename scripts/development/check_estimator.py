@@ -22,7 +22,7 @@ from drake_quad.errors import InputError
 from drake_quad.estimation.corrections import PositionAiding
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.signals import EstimateDeviation
@@ -77,7 +77,7 @@ def resampled(record: FlightRecord, time: np.ndarray) -> Table:
 
 def gyroscope_lag(table: Table) -> float:
     """Return the lag (s) of the gyroscope behind the rotation of motion capture, by correlation."""
-    rotations = rotations_of(table.attitude)
+    rotations = rotation_matrices(table.attitude)
     rates = (rotations[:-2].inv() * rotations[2:]).as_rotvec() / (2.0 * _PERIOD)
     lags = np.arange(-_MAX_LAG, _MAX_LAG, _LAG_STEP)
     times = table.time[1:-1]
