@@ -28,7 +28,7 @@ from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
+from drake_quad.vehicle.quadrotor import HoverPose, InitialMotion, QuadrotorConfig, initial_body_state
 
 # Largest ratio of the time step to the shortest time constant. The fourth-order Runge-Kutta method is stable up to
 # 2.78.
@@ -51,10 +51,14 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
     _check_step(fleet)
+    pose, motion = _initial_state(scenario, fleet, plan)
+    estimator = scenario.laboratory.estimator.recipe(scenario, fleet, initial_body_state(pose, motion))
+    cameras = scenario.laboratory.motion_capture.recipe(fleet.laboratory.motion_capture)
     return {
-        "vehicle": _vehicle(scenario, fleet, plan, duration),
+        "vehicle": _vehicle(scenario, fleet, pose, motion, duration),
         "allocation": _allocation(scenario),
-        "motion_capture": scenario.laboratory.motion_capture.recipe(fleet.laboratory.motion_capture),
+        **({"motion_capture": cameras} if scenario.laboratory.estimator.reads_motion_capture else {}),
+        **({"estimator": estimator} if estimator is not None else {}),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
         **_autopilot(scenario, fleet.laboratory.autopilot),
         **{f"{_WIND_PREFIX}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
@@ -125,7 +129,14 @@ def _allocation(scenario: Scenario) -> Recipe:
     return Recipe(ThrottleAllocation, structure, ThrottleModel.of(nominal, curve))
 
 
-def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
+def _initial_state(scenario: Scenario, fleet: Any, plan: Plan) -> tuple[HoverPose, InitialMotion]:
+    """Return position and yaw of the vehicles at time 0, and their motion."""
+    x, y, z = map(float, plan.waypoints[0])
+    start = HoverPose(x, y, z, plan.initial_yaw)
+    return scenario.initial.pose(fleet.initial, start), scenario.initial.motion(fleet.initial)
+
+
+def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMotion, duration: float) -> Recipe:
     """Return the recipe for the vehicle.
 
     Raises:
@@ -145,9 +156,6 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         raise InputError(
             f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
         )
-    x, y, z = map(float, plan.waypoints[0])
-    start = HoverPose(x, y, z, plan.initial_yaw)
-    pose, motion = scenario.initial.pose(fleet.initial, start), scenario.initial.motion(fleet.initial)
     config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
     return fleet.laboratory.autopilot.vehicle_recipe(structure, config)
 

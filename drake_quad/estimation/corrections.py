@@ -16,7 +16,7 @@ from drake_quad.estimation.estimate import ErrorState, Estimate
 from drake_quad.framework.elementary import arctan2, maximum, wrap_angle
 from drake_quad.geometry.axes import TINY, Vector, cross, dot, length, minus, plus, times
 from drake_quad.geometry.quaternion import Quaternion
-from drake_quad.signals import Angle, Attitude, BodyRates, PositionW, Quantity, Row
+from drake_quad.signals import Angle, Attitude, BodyRates, PositionW, Quantity, Row, State
 
 _Length = Annotated[Row, Quantity("m", sign="positive")]
 _Speed = Annotated[Row, Quantity("m/s", sign="positive")]
@@ -72,18 +72,23 @@ class AttitudeAiding(NamedTuple):
     rotation: _AngleDeviation
 
 
+class PoseAiding(NamedTuple):
+    """Standard deviations of a position and an attitude that motion capture measures."""
+
+    position: PositionAiding
+    attitude: AttitudeAiding
+
+
 class MagneticAiding(NamedTuple):
     """Use of a magnetometer.
 
     Attributes:
         heading: standard deviation of the measured direction of the horizontal field.
-        field_x: component of the earth's field along X, in any unit.
-        field_y: component of the earth's field along Y, in the same unit.
+        field: field of the earth in W, in any unit.
     """
 
     heading: _AngleDeviation
-    field_x: Row
-    field_y: Row
+    field: Vector
 
 
 class GroundAiding(NamedTuple):
@@ -269,12 +274,27 @@ def attitude_measurements(
     )
 
 
+def pose_measurements(
+    estimate: Estimate, reading: State, aiding: PoseAiding, gyroscope: BodyRates
+) -> tuple[ScalarMeasurement, ...]:
+    """Return the measurements of position and attitude of a measured state; its velocity and rates are not used."""
+    position, attitude = Vector(reading.x, reading.y, reading.z), Attitude(reading.roll, reading.pitch, reading.yaw)
+    return (
+        *position_measurements(estimate, position, aiding.position, gyroscope),
+        *attitude_measurements(estimate, attitude, aiding.attitude, gyroscope),
+    )
+
+
 def magnetic_measurements(
     estimate: Estimate, reading: Vector, aiding: MagneticAiding, _: BodyRates
 ) -> tuple[ScalarMeasurement, ...]:
-    """Return the measurement of the direction of the horizontal magnetic field; the reading is along the axes of B."""
-    field = estimate.attitude.axes().in_world(reading)
-    innovation = wrap_angle(arctan2(aiding.field_y, aiding.field_x) - arctan2(field.y, field.x))
+    """Return the measurement of the direction of the horizontal magnetic field; the reading is along the axes of B.
+
+    The derivatives are those of the field of the earth. The derivatives of the measured field would contain the same
+    noise as the innovation, and this correlation would tilt the estimate.
+    """
+    measured, field = estimate.attitude.axes().in_world(reading), aiding.field
+    innovation = wrap_angle(arctan2(field.y, field.x) - arctan2(measured.y, measured.x))
     derivatives = _NO_ERRORS._replace(rotation=_heading_derivatives(field))
     return (ScalarMeasurement(innovation, derivatives, aiding.heading, "rotation"),)
 
@@ -336,6 +356,7 @@ AIDING_LAWS = {
     "ground_distance": AidingLaw(SingleReading, GroundAiding, ground_measurements, 1),
     "height": AidingLaw(SingleReading, HeightAiding, height_measurements, 1),
     "magnetic_field": AidingLaw(Vector, MagneticAiding, magnetic_measurements, 1),
+    "pose": AidingLaw(State, PoseAiding, pose_measurements, 6),
     "position": AidingLaw(Vector, PositionAiding, position_measurements, 3),
     "velocity": AidingLaw(Vector, VelocityAiding, velocity_measurements, 3),
     "yaw": AidingLaw(SingleReading, YawAiding, yaw_measurements, 1),

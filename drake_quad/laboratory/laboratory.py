@@ -41,9 +41,10 @@ def build_laboratory(
     *,
     vehicle: Any,
     allocation: Any,
-    motion_capture: Any,
+    motion_capture: Any = None,
     command_link: Any,
     autopilot: Any = None,
+    estimator: Any = None,
     wind: Mapping[str, Any],
     sensors: Mapping[str, Any] = MappingProxyType({}),
     samples: Samples | ExportedRandomNumbers | None,
@@ -77,10 +78,13 @@ def build_laboratory(
             `swing`, `charge` and `battery`.
         allocation: system from `wrench` to a packed output of the command of the vehicle (rotor speeds or throttles)
             and `shortfall`.
-        motion_capture: system from `state` to `measurement`.
+        motion_capture: system from `state` to `measurement`; None if the estimator does not use it.
         command_link: system from `wrench` to `wrench`, or from `attitude_target` to `attitude_target`.
         autopilot: system from `attitude_target`, and optionally `state`, to `wrench`; None if the link transmits a
             wrench.
+        estimator: system with the output port `measurement`, and with input ports that have the names of sensors, of
+            the validities of their readings, or `motion_capture`; None if motion capture provides the measurement. An
+            autopilot reads the estimate instead of the true state.
         wind: wind sources by name, each with one output port and optionally the input port `state`.
         sensors: sensors by name, with the output ports of a `Sensor`. The input ports of a sensor have the names of the
             signals that it measures: an output port of the vehicle, `wind`, the rotor speed or throttle command, or
@@ -92,7 +96,6 @@ def build_laboratory(
     builder.AddNamedSystem("command_link", command_link)
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
-    builder.AddNamedSystem("motion_capture", motion_capture)
     wind_streams = random_streams(wind, StreamKind.WIND)
     air = builder.AddNamedSystem("wind", build_wind(wind, streams=wind_streams, num_vehicles=vehicle.num_vehicles))
 
@@ -101,7 +104,10 @@ def build_laboratory(
     state, wind_port = vehicle.GetOutputPort("state"), air.GetOutputPort("wind")
     sources = {port.get_name(): port for port in map(vehicle.get_output_port, range(vehicle.num_output_ports()))}
     sources |= {"wind": wind_port, command_name: allocated[command_name], carried: command_link.GetOutputPort(carried)}
-    systems = [allocation, vehicle, motion_capture, air]
+    systems = [allocation, vehicle, air]
+    if motion_capture is not None:
+        systems.append(builder.AddNamedSystem("motion_capture", motion_capture))
+        sources["motion_capture"] = motion_capture.GetOutputPort("measurement")
     if autopilot is not None:
         systems.append(builder.AddNamedSystem("autopilot", autopilot))
         sources["wrench"] = autopilot.GetOutputPort("wrench")
@@ -109,11 +115,18 @@ def build_laboratory(
     if sensors:
         on_board = build_sensors(sensors, streams=sensor_streams, available=sources)
         systems.append(builder.AddNamedSystem("sensors", on_board))
+        readings = map(on_board.get_output_port, range(on_board.num_output_ports()))
+        sources |= {port.get_name(): port for port in readings}
+    measurement = sources.get("motion_capture")
+    if estimator is not None:
+        systems.append(builder.AddNamedSystem("estimator", estimator))
+        measurement = estimator.GetOutputPort("measurement")
+        if autopilot is not None:
+            connect_inputs(builder, [autopilot], sources | {"state": measurement})
     connect_inputs(builder, systems, sources)
 
-    electronics = {"motion_capture": motion_capture, "command_link": command_link}
-    if autopilot is not None:
-        electronics["autopilot"] = autopilot
+    parts = {"motion_capture": motion_capture, "command_link": command_link, "autopilot": autopilot}
+    electronics = {name: system for name, system in parts.items() if system is not None}
     ports = {
         stream: electronics[name].GetInputPort(stream.name.removeprefix(f"{name}."))
         for name, streams in random_streams(electronics, StreamKind.NOISE).items()
@@ -125,7 +138,7 @@ def build_laboratory(
 
     builder.ExportInput(command_link.GetInputPort(carried), carried)
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
-    builder.ExportOutput(motion_capture.GetOutputPort("measurement"), "measurement")
+    builder.ExportOutput(measurement, "measurement")
     builder.ExportOutput(state, "state")
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
     builder.ExportOutput(allocated[command_name], command_name)
@@ -136,6 +149,10 @@ def build_laboratory(
     builder.ExportOutput(wind_port, "wind")
     if autopilot is not None:
         builder.ExportOutput(sources["wrench"], "wrench")
+    if estimator is not None:
+        for name in ("estimate_deviation", "innovation"):
+            if estimator.HasOutputPort(name):
+                builder.ExportOutput(estimator.GetOutputPort(name), name)
     if sensors:
         for port in map(on_board.get_output_port, range(on_board.num_output_ports())):
             builder.ExportOutput(port, port.get_name())

@@ -33,6 +33,8 @@ from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
 from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.estimators.estimator import ESTIMATORS, AnyEstimator
+from drake_quad.scenario.estimators.motion_capture import MotionCaptureEstimator
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_have_effect, late_setting, needs
 from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
 from drake_quad.scenario.initial import InitialState
@@ -309,7 +311,12 @@ class Laboratory(Model):
         description="sensors on board; the kind of a sensor is the name of its port and of its signal",
     )
 
-    _serialized = omits_defaults("sensors")
+    estimator: AnyEstimator = Field(
+        default=MotionCaptureEstimator(kind="motion_capture"),
+        description="source of the measurement, which the control and the autopilot use",
+    )
+
+    _serialized = omits_defaults("sensors", "estimator")
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as wind if the vehicle has no drag."""
@@ -592,6 +599,7 @@ class Scenario(Mission):
     def _control_and_autopilot_fit(self) -> "Scenario":
         self.control.check_fits(self)
         self.laboratory.autopilot.check_fits(self)
+        self.laboratory.estimator.check_fits(self)
         return self
 
     @model_validator(mode="after")
@@ -630,6 +638,7 @@ class Scenario(Mission):
 UNIONS = (
     WINDS,
     SENSORS,
+    ESTIMATORS,
     AUTOPILOTS,
     CONTROLS,
     POSITION_CONTROLLERS,
@@ -644,6 +653,7 @@ REGISTRIES = *UNIONS, EFFECTS
 """Unions and open fields to which members can be added."""
 WINDS.rebuild(Laboratory)
 SENSORS.rebuild(Laboratory)
+ESTIMATORS.rebuild(Laboratory)
 METRICS.rebuild(MetricWindow)
 AUTOPILOTS.rebuild(Laboratory)
 LAYOUTS.rebuild(Nominal, Vehicle)

@@ -1,9 +1,10 @@
 """Motion capture of the scenario language."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
+from drake_quad.estimation.corrections import AttitudeAiding, PoseAiding, PositionAiding
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory import motion_capture
@@ -30,12 +31,13 @@ from drake_quad.scenario.quantities import (
     field_from_record,
     max_ticks,
 )
+from drake_quad.scenario.sensors.aiding import AidingSensor, AidingUse
 
 # Even markers aligned by eye are aligned to within 20 degrees.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 
-class MotionCaptureSettings(Model):
+class MotionCaptureSettings(AidingSensor, Model):
     """Cameras that measure position and attitude. Velocity and body rates are measured or differentiated."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the default is the paper's")
@@ -65,6 +67,20 @@ class MotionCaptureSettings(Model):
     )
     dropout_rate: Probability = field_from_record(CameraParameters, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
+
+    aids: ClassVar = AidingUse("pose", (("position_noise",), ("attitude_noise",)))
+    can_miss: ClassVar = False
+    position: ClassVar = (0.0, 0.0, 0.0)
+
+    @property
+    def latency(self) -> Any:
+        """Delay from exposure to arrival, in whole frame periods."""
+        return self.latency_frames
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> PoseAiding:
+        """Return the use of position and attitude, given the standard deviations of their components."""
+        position, attitude = deviations
+        return PoseAiding(PositionAiding(position, position, position), AttitudeAiding(attitude))
 
     def recipe(self, fleet: Any) -> Recipe:
         """Return the recipe for the cameras of a fleet.

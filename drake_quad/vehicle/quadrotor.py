@@ -85,6 +85,12 @@ class QuadrotorConfig(NamedTuple):
     motion: InitialMotion = AT_REST
 
 
+def initial_body_state(pose: HoverPose, motion: InitialMotion = AT_REST) -> State:
+    """Return the state of the rigid body at time 0."""
+    roll, pitch, v_x, v_y, v_z, p, q, r, *_ = motion
+    return State(pose.x, pose.y, pose.z, roll, pitch, pose.yaw, v_x, v_y, v_z, p, q, r)
+
+
 def initial_state(
     parameters: QuadrotorParameters, pose: HoverPose, effects: Effects = NO_EFFECTS, motion: InitialMotion = AT_REST
 ) -> VehicleState:
@@ -92,12 +98,11 @@ def initial_state(
 
     By default, the vehicle hovers in still air.
     """
-    roll, pitch, v_x, v_y, v_z, p, q, r, *factors = motion
-    body = State(pose.x, pose.y, pose.z, roll, pitch, pose.yaw, v_x, v_y, v_z, p, q, r)
+    *_, first, second, third, fourth = motion
     speeds = hover_rotor_speeds(hover_equivalent(parameters, effects, pose.z))
-    rotors = RotorSpeed._make(speed * factor for speed, factor in zip(speeds, factors, strict=True))
+    rotors = RotorSpeed._make(speed * factor for speed, factor in zip(speeds, (first, second, third, fourth), strict=True))
     swing = None if effects.slung_load is None else HANGING
-    return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
+    return VehicleState(initial_body_state(pose, motion), rotors, swing, None if effects.battery is None else FULL)
 
 
 def vehicle_battery_load(

@@ -4,6 +4,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from drake_quad.estimation.corrections import HeightAiding
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.barometer import (
     BAROMETER,
@@ -17,6 +18,7 @@ from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Span, field_from_record
 from drake_quad.scenario.sensors.mounting import relative_to_centre
+from drake_quad.scenario.sensors.aiding import AidingUse
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 
@@ -48,6 +50,7 @@ class BarometerSettings(SensorSettings):
     )
     law: ClassVar = BAROMETER
     noise: ClassVar = ("height_noise", "drift")
+    aids: ClassVar = AidingUse("height", (("height_noise", "drift"),))
 
     def parameters(self, vehicle: Any) -> BarometerParameters:
         """Return the barometer parameters."""
@@ -59,3 +62,7 @@ class BarometerSettings(SensorSettings):
         )
         position = relative_to_centre(settings.position, vehicle)
         return record_like(BarometerParameters, self, position=position, errors=errors)
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> HeightAiding:
+        """Return the use of a height."""
+        return HeightAiding(*deviations)

@@ -4,6 +4,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from drake_quad.estimation.corrections import FixAiding, PositionAiding, VelocityAiding
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.gauss_markov import Correlation
 from drake_quad.laboratory.sensors.gnss import (
@@ -18,6 +19,7 @@ from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Position, Span, field_from_record
 from drake_quad.scenario.sensors.mounting import relative_to_centre
+from drake_quad.scenario.sensors.aiding import AidingUse
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 _PerAxis = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
@@ -52,6 +54,7 @@ class GnssSettings(SensorSettings):
     multipath_time: Annotated[Span, needs("multipath")] = Field(default=10.0, description="mean time between jumps (s)")
     law: ClassVar = GNSS
     noise: ClassVar = ("position_noise", "velocity_noise", "position_drift", "multipath")
+    aids: ClassVar = AidingUse("fix", (("position_noise", "position_drift", "multipath"), ("velocity_noise",)))
 
     def parameters(self, vehicle: Any) -> GnssParameters:
         """Return the parameters of satellite navigation."""
@@ -63,3 +66,7 @@ class GnssSettings(SensorSettings):
         )
         position = relative_to_centre(settings.position, vehicle)
         return record_like(GnssParameters, self, position=position, errors=errors)
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> FixAiding:
+        """Return the use of a position and a velocity."""
+        return FixAiding(PositionAiding(*deviations[:3]), VelocityAiding(*deviations[3:]))

@@ -3,6 +3,7 @@
 import math
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from drake_quad.geometry.axes import BodyAxes, Vector
@@ -60,6 +61,11 @@ class InertialSettings(SensorSettings):
             full_scale=settings.full_scale,
             resolution=settings.resolution,
         )
+
+    def equivalent_walk(self) -> Any:
+        """Return the random walk that changes the bias as fast as the random walk and the instability together."""
+        settings: Any = self
+        return np.hypot(settings.bias_random_walk, settings.bias_instability * np.sqrt(2.0 / settings.bias_time))
 
     def white_noise(self) -> Any:
         """Return the standard deviation of the white noise of a reading, given the noise density."""

@@ -3,8 +3,10 @@
 import math
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
+from drake_quad.estimation.corrections import MagneticAiding
 from drake_quad.framework.records import record_like
 from drake_quad.geometry.axes import Vector
 from drake_quad.laboratory.sensors.magnetometer import (
@@ -18,6 +20,7 @@ from drake_quad.laboratory.sensors.magnetometer import (
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Direction, NonNegative, Number, Position, Positive, field_from_record
+from drake_quad.scenario.sensors.aiding import AidingUse
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # The field of the earth is 22 to 67 µT.
@@ -60,6 +63,7 @@ class MagnetometerSettings(SensorSettings):
     )
     law: ClassVar = MAGNETOMETER
     noise: ClassVar = ("field_noise",)
+    aids: ClassVar = AidingUse("magnetic_field", (("field_noise",),))
 
     def parameters(self, vehicle: Any) -> MagnetometerParameters:
         """Return the magnetometer parameters."""
@@ -67,10 +71,19 @@ class MagnetometerSettings(SensorSettings):
         first, second, third, fourth = (rotor.drag_factor for rotor in rotors_of(vehicle))
         interference = MotorInterference(Vector(*settings.motor_interference), (first, second, third, fourth))
         errors = MagnetometerErrors(SoftIron(*settings.soft_iron), interference)
-        earth = EarthField.of(
+        return record_like(MagnetometerParameters, self, earth=self._earth_field(), errors=errors)
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> MagneticAiding:
+        """Return the use of the direction of the horizontal field, given the deviation of the field (T)."""
+        field = self._earth_field()
+        (deviation,) = deviations
+        return MagneticAiding(deviation / np.hypot(field.x, field.y), Vector(*field))
+
+    def _earth_field(self) -> EarthField:
+        settings: Any = self
+        return EarthField.of(
             strength=settings.strength,
             inclination=settings.inclination,
             declination=settings.declination,
             north=settings.north,
         )
-        return record_like(MagnetometerParameters, self, earth=earth, errors=errors)

@@ -2,11 +2,13 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
+from drake_quad.estimation.corrections import FlowAiding
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.optical_flow import OPTICAL_FLOW, OpticalFlowParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_RELATIVE_ERROR, PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, RelativeError, field_from_record
 from drake_quad.scenario.sensors.mounting import relative_to_centre
+from drake_quad.scenario.sensors.aiding import AidingUse
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 
@@ -36,7 +38,12 @@ class OpticalFlowSettings(SensorSettings):
     )
     law: ClassVar = OPTICAL_FLOW
     noise: ClassVar = ("flow_noise",)
+    aids: ClassVar = AidingUse("flow", (("flow_noise",),))
 
     def parameters(self, vehicle: Any) -> OpticalFlowParameters:
         """Return the parameters of optical flow."""
         return record_like(OpticalFlowParameters, self, position=relative_to_centre(self.position, vehicle))
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> FlowAiding:
+        """Return the use of the flow."""
+        return FlowAiding(*deviations, self.ground)  # type: ignore[arg-type]

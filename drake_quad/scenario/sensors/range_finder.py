@@ -2,11 +2,13 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
+from drake_quad.estimation.corrections import GroundAiding
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.range_finder import RANGE_FINDER, RangeFinderParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, not_in_millimetres
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, field_from_record
 from drake_quad.scenario.sensors.mounting import relative_to_centre
+from drake_quad.scenario.sensors.aiding import AidingUse
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # Laser range finders of small vehicles measure up to 200 m.
@@ -37,7 +39,12 @@ class RangeFinderSettings(SensorSettings):
     )
     law: ClassVar = RANGE_FINDER
     noise: ClassVar = ("distance_noise", "relative_noise")
+    aids: ClassVar = AidingUse("ground_distance", (("distance_noise", "relative_noise"),))
 
     def parameters(self, vehicle: Any) -> RangeFinderParameters:
         """Return the range finder parameters."""
         return record_like(RangeFinderParameters, self, position=relative_to_centre(self.position, vehicle))
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> GroundAiding:
+        """Return the use of a distance to the ground. By default, its standard deviation is that at 1 m."""
+        return GroundAiding(*deviations, self.ground)  # type: ignore[arg-type]

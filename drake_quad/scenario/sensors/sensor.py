@@ -14,6 +14,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.sensors.sensor import FaultySensor, Sensor, SensorLaw, error_names
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import Period, Ticks, any_nonzero, max_ticks
+from drake_quad.scenario.sensors.aiding import AidingSensor
 from drake_quad.scenario.sensors.fault import AnyFault
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import SIGNALS, Valid, valid_signal
@@ -21,7 +22,7 @@ from drake_quad.signals import SIGNALS, Valid, valid_signal
 _Member = TypeVar("_Member", bound=type[Model])
 
 
-class SensorSettings(Model):
+class SensorSettings(AidingSensor, Model):
     """Onboard sensor. In a fleet scenario, values that a study draws are (N,) arrays.
 
     An error that can be switched off is a field of the parameters' record `errors`. It is switched on by the setting of
@@ -43,6 +44,11 @@ class SensorSettings(Model):
     def can_miss(self) -> bool:
         """True if readings can be missing, so that their validity is a signal."""
         return self.law.can_miss or self.fault is not None
+
+    @property
+    def latency(self) -> Any:
+        """Delay from a reading to its arrival, in whole periods."""
+        return self.latency_samples
 
     @abstractmethod
     def parameters(self, vehicle: Any) -> Any:

@@ -4,12 +4,15 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from drake_quad.estimation.corrections import AnchorAiding
+from drake_quad.geometry.axes import Vector
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.uwb_range import UWB_RANGE, Anchor, Outliers, UwbErrors, UwbParameters
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Probability, field_from_record
 from drake_quad.scenario.sensors.mounting import relative_to_centre
+from drake_quad.scenario.sensors.aiding import AidingUse
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 
@@ -37,9 +40,14 @@ class UwbRangeSettings(SensorSettings):
     )
     law: ClassVar = UWB_RANGE
     noise: ClassVar = ("distance_noise", "outlier_rate")
+    aids: ClassVar = AidingUse("anchor_distance", (("distance_noise",),))
 
     def parameters(self, vehicle: Any) -> UwbParameters:
         """Return the parameters of the distance."""
         errors = UwbErrors(Outliers.of(self.outlier_rate, self.outlier_size))
         position = relative_to_centre(self.position, vehicle)
         return record_like(UwbParameters, self, anchor=Anchor(*self.anchor), position=position, errors=errors)
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> AnchorAiding:
+        """Return the use of a distance to the anchor."""
+        return AnchorAiding(*deviations, Vector(*self.anchor))

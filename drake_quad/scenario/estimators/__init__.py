@@ -1,0 +1,5 @@
+"""State estimators of the scenario language, with one module for each kind."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)

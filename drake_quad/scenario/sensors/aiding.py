@@ -1,0 +1,56 @@
+"""Use of a sensor's readings by a state estimator."""
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from drake_quad.scenario.quantities import can_differ_from_zero
+
+
+class AidingUse(NamedTuple):
+    """Way in which the readings of a sensor correct an estimate.
+
+    Attributes:
+        kind: type of the readings, a name in `drake_quad.estimation.corrections.AIDING_LAWS`.
+        noise: names of the settings whose root sum of squares is the standard deviation of a component of a reading,
+            for each component; settings with three numbers stand for three components.
+    """
+
+    kind: str
+    noise: tuple[tuple[str, ...], ...]
+
+
+class AidingSensor:
+    """Sensor whose readings can correct an estimate.
+
+    Attributes:
+        aids: way in which the readings correct an estimate; None if they cannot.
+    """
+
+    aids: ClassVar[AidingUse | None] = None
+
+    @property
+    def place(self) -> tuple[Any, Any, Any] | None:
+        """Position of the sensor in B relative to the origin of the layout, m; None if it does not affect a reading."""
+        return getattr(self, "position", None)
+
+    def reading_deviations(self) -> tuple[Any, ...]:
+        """Return the standard deviation of each component of a reading; items may be (N,) arrays."""
+        return tuple([np.sqrt(sum(np.square(each) for each in parts)) for parts in self._parts_of_noise()])
+
+    def lacks_noise(self) -> bool:
+        """Return whether a component of the readings has no noise at all."""
+        return not all(any(map(can_differ_from_zero, parts)) for parts in self._parts_of_noise())
+
+    def _parts_of_noise(self) -> list[tuple[Any, ...]]:
+        """Return the settings that determine the noise of each component."""
+        assert self.aids is not None
+        components: list[tuple[Any, ...]] = []
+        for names in self.aids.noise:
+            values = [getattr(self, name) for name in names]
+            components += zip(*values, strict=True) if isinstance(values[0], tuple) else [tuple(values)]
+        return components
+
+    def aiding_parameters(self, deviations: tuple[Any, ...]) -> Any:
+        """Return the parameters of the measurement equation, given the standard deviation of each component."""
+        raise NotImplementedError
