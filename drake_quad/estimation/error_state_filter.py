@@ -154,6 +154,10 @@ class Memory(NamedTuple):
     innovation: tuple[Number, ...]
 
 
+# Fields of `Memory` that small errors of the estimate change in second order, or that no output depends on.
+_SCHEDULED = "covariance", "counters", "innovation"
+
+
 class FilterStructure(NamedTuple):
     """Structure of a filter.
 
@@ -525,7 +529,7 @@ class ErrorStateKalmanFilter(FleetSystem):
         initial = initial_memory(structure, parameters)
         has_rows = Memory(*map(_has_rows, initial))
         writes = Memory._make(
-            self.state(name, _InitialGroup(name, structure)) if has else None
+            self.state(name, _InitialGroup(name, structure), is_scheduled=name in _SCHEDULED) if has else None
             for name, has in zip(Memory._fields, has_rows, strict=True)
         )
         reads = [given if group is None else group for group, given in zip(writes, initial, strict=True)]

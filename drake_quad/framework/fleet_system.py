@@ -147,12 +147,16 @@ class StateGroup:
         index: Drake's index of the discrete group; None for the continuous state.
         layout: layout of the rows.
         recipe: function that computes the initial record from the system's argument `parameters`.
+        is_scheduled: True if small changes of the inputs change this group, or its effect on the outputs, only in
+            second order, as with a counter or with the covariance of a Kalman filter in equilibrium. Linear models
+            leave such a group out and use its values at the operating point.
     """
 
     name: str
     index: DiscreteStateIndex | None
     layout: Layout
     recipe: Callable[[Any], Any]
+    is_scheduled: bool = False
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
         """Return the vector of this state group in a context."""
@@ -368,12 +372,21 @@ class FleetSystem(_Base):
         self.parameters[name] = Parameter(name, NumericParameterIndex(int(index)), layout, recipe)
         return self.parameters[name]
 
-    def state(self, name: str, recipe: Callable[[Any], Any], *, layout: Layout | None = None) -> StateGroup:
-        """Declare a discrete state group, given the function that computes its initial record from the parameters."""
+    def state(
+        self, name: str, recipe: Callable[[Any], Any], *, layout: Layout | None = None, is_scheduled: bool = False
+    ) -> StateGroup:
+        """Declare a discrete state group, given the function that computes its initial record from the parameters.
+
+        Args:
+            name: name of the group.
+            recipe: function that computes the initial record from the parameters.
+            layout: layout of the rows; by default that of the initial record.
+            is_scheduled: True for a group that linear models leave out; see `StateGroup`.
+        """
         record = recipe(self._parameter_record)
         layout = layout or layout_of(type(record), record)
         index = self.DeclareDiscreteState(self._vector(layout, record))
-        self.states[name] = StateGroup(name, DiscreteStateIndex(int(index)), layout, recipe)
+        self.states[name] = StateGroup(name, DiscreteStateIndex(int(index)), layout, recipe, is_scheduled)
         return self.states[name]
 
     def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:

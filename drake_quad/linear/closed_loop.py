@@ -13,7 +13,7 @@ from drake_quad.errors import InputError
 from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
-from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
+from drake_quad.linear.sampled_system import SampledSystem, linearize, settle
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.randomness.noise import ExportedRandomNumbers
 from drake_quad.randomness.streams import Samples
@@ -32,9 +32,6 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 # Subsystems that only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
 _HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
-# Number of ticks that are simulated before Newton's method starts. In the first ticks, rounding errors separate events
-# with different periods that should coincide.
-_NUM_SETTLING_TICKS = 4
 # Largest state change over a period that counts as an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
 _ROTOR_SPEED = "vehicle.rotor_speed."  # part of the names of the rotor states
@@ -138,7 +135,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 def _in_equilibrium(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
     """Move a context to the nearest equilibrium, and return the linear system there, over a period (s)."""
-    at_tick(diagram, _NUM_SETTLING_TICKS * period, context)
+    settle(diagram, context, period)
     layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     for _ in range(_MAX_NEWTON_STEPS):
         system, change = linearize(diagram, context, period=period, without=PASSIVE_SYSTEMS, **ports)
@@ -198,7 +195,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
     initial = link.parameters.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
     laboratory.GetInputPort(command).FixValue(context, initial)
     link._replace(parameters=link.parameters._replace(initial=initial)).reset(laboratory, "command_link", context)
-    at_tick(laboratory, _NUM_SETTLING_TICKS * period, context)
+    settle(laboratory, context, period)
     system, change = linearize(laboratory, context, period=period, inputs=[command], outputs=["measurement"])
     worst = int(np.argmax(np.abs(change)))
     if not np.abs(change[worst]) < _EQUILIBRIUM_TOLERANCE:
@@ -314,7 +311,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] 
     context = diagram.CreateDefaultContext()
     hover = _hover_speeds(resting)
     diagram.GetInputPort("wrench").FixValue(context, _hover_wrench(resting, hover))
-    at_tick(diagram, _NUM_SETTLING_TICKS * period, context)
+    settle(diagram, context, period)
     system, _ = linearize(diagram, context, period=period, inputs=["wrench"], outputs=["state"])
     return _with_wrench_states(system, hover, vehicle_parameters(resting.vehicle))
 

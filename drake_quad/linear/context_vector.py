@@ -37,7 +37,7 @@ class ContextVector:
     """Vector of a diagram's state, leaf system by leaf system, and optionally of its numeric parameters.
 
     An element's name consists of its system's path, its group and its row, as in `laboratory.vehicle.state.pitch`. The
-    layout is the same for all scalar types of the diagram.
+    layout is the same for all scalar types of the diagram. State groups with `is_scheduled` are left out.
 
     Args:
         diagram: diagram to which the contexts belong.
@@ -103,7 +103,10 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
         context = system.GetMyContextFromRoot(root)
         if context.num_abstract_states():
             raise InputError(f"{'.'.join(path)} has an abstract state, so it cannot be linearised")
+        scheduled = scheduled_groups(system)
         for number in range(context.num_discrete_state_groups()):
+            if number in scheduled:
+                continue
             size = context.get_discrete_state(number).size()
             yield _Group(path, "discrete", number, _names(path, system, "states", number, f"group_{number}", size))
         if size := context.num_continuous_states():
@@ -112,6 +115,12 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
             size = context.get_numeric_parameter(number).size()
             names = _names(path, system, "parameters", number, f"parameter_{number}", size)
             yield _Group(path, "parameter", number, names)
+
+
+def scheduled_groups(system: Any) -> list[int]:
+    """Return the indices of the discrete state groups of a leaf system that linear models leave out."""
+    states = system.states.values() if isinstance(system, FleetSystem) else ()
+    return [int(group.index) for group in states if group.index is not None and group.is_scheduled]
 
 
 def _names(

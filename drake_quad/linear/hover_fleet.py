@@ -16,12 +16,11 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, loop_periods, rotor_rows, wrench_of_rotors
 from drake_quad.linear.context_vector import ContextVector
-from drake_quad.linear.sampled_system import at_tick, initialize_without_events, tick_after
+from drake_quad.linear.sampled_system import initialize_without_events, settle, tick_after
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-_NUM_SETTLING_TICKS = 4  # after these ticks, the periodic grids of a diagram coincide exactly
 _EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the state over a period in an equilibrium, in SI units
 _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
 _MIN_CONTRACTION = 0.1  # smallest ratio of the changes of two steps at which derivatives are computed again
@@ -130,7 +129,7 @@ class _PeriodMap:
         self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
         self._order = self._layout.vehicle_rows(num_vehicles)
         self.initial = self._read(diagram, self._context)
-        at_tick(diagram, _NUM_SETTLING_TICKS * period, self._context)
+        settle(diagram, self._context, period)
         self._next = tick_after(self._context.get_time(), period)
         self._simulator, self._saved = Simulator(diagram, self._context), self._context.Clone()
         names = self._layout.names if num_vehicles == 1 else [each.rpartition(".")[0] for each in self._layout.names]

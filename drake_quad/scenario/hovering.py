@@ -31,6 +31,7 @@ def at_rest(scenario: Scenario) -> Scenario:
         "laboratory.motion_capture.attitude_noise": 0.0,
         "laboratory.motion_capture.velocity_drift": (0.0, 0.0, 0.0),
         "laboratory.autopilot": laboratory.autopilot.without_noise(),
+        "laboratory.sensors": tuple([sensor.without_noise() for sensor in laboratory.sensors]),
         "laboratory.wind": tuple([source for source in calm if source is not None]),
     }
     return with_values(hovering, settings)
@@ -39,7 +40,8 @@ def at_rest(scenario: Scenario) -> Scenario:
 def in_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover as `at_rest` does, but with noise, turbulence, lost frames and lost packets.
 
-    Sensors are removed, since no built-in control reads them.
+    Sensors that the estimator does not read are removed, since no built-in control reads them. Faults, quantisation and
+    vibration of sensors are removed as well.
 
     Raises:
         InputError: if the scenario contains a distribution.
@@ -49,6 +51,8 @@ def in_hover(scenario: Scenario) -> Scenario:
             raise InputError(
                 f"{path} is a distribution, but the analysis of hover needs a number; give a number, or select a sample"
             )
+    laboratory = scenario.laboratory
+    names = laboratory.estimator.names_of_sensors(laboratory)
     route = scenario.route
     if not isinstance(route, HoverRoute) or distributions_in(route):
         route = _HOVER
@@ -57,7 +61,10 @@ def in_hover(scenario: Scenario) -> Scenario:
         "vehicle.battery_sag": 0.0,
         **{f"vehicle.{name}": effect.in_hover() for name, effect in scenario.vehicle.effects().items()},
         "laboratory.wind": tuple([source for source in scenario.laboratory.wind if not source.depends_on_time]),
-        "laboratory.sensors": (),
+        "laboratory.estimator": laboratory.estimator.with_explicit_noise(laboratory),
+        "laboratory.sensors": tuple(
+            [sensor.in_hover() for name, sensor in laboratory.named_sensors.items() if name in names]
+        ),
         "duration": None,
         "sample": None,
         "crash.position_error": 1e6,

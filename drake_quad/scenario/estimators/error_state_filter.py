@@ -162,6 +162,10 @@ class ErrorStateFilterSettings(Estimator):
             used[name] = source.aiding.model_copy(update={"deviation": given})
         return self.model_copy(update={**update, "aiding": used})
 
+    def names_of_sensors(self, laboratory: Any) -> list[str]:
+        """Return the names of the inertial and aiding sensors."""
+        return [*_INERTIAL_SENSORS, *self._sources(laboratory, laboratory)]
+
     def used(self, name: str) -> AidingSettings:
         """Return the settings of an aiding sensor."""
         return AidingSettings() if self.aiding is None else self.aiding[name]

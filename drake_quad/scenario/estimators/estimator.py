@@ -33,6 +33,10 @@ class Estimator(Model):
             start: true state of the vehicles at time 0.
         """
 
+    def names_of_sensors(self, laboratory: Any) -> list[str]:
+        """Return the names of the sensors in a laboratory that the estimator reads."""
+        return []
+
     def with_explicit_noise(self, laboratory: Any) -> "Estimator":
         """Return the estimator with its assumptions about the noise of a laboratory's sensors as explicit settings.
 

@@ -53,6 +53,7 @@ class GnssSettings(SensorSettings):
     )
     multipath_time: Annotated[Span, needs("multipath")] = Field(default=10.0, description="mean time between jumps (s)")
     law: ClassVar = GNSS
+    nonlinear: ClassVar = {"multipath": (0.0, 0.0, 0.0)}
     noise: ClassVar = ("position_noise", "velocity_noise", "position_drift", "multipath")
     aids: ClassVar = AidingUse("fix", (("position_noise", "position_drift", "multipath"), ("velocity_noise",)))
 

@@ -31,6 +31,7 @@ class SensorSettings(AidingSensor, Model):
     Attributes:
         law: measurement law of the sensor.
         noise: names of the fields that determine the noise. If all are zero, the sensor has no noise.
+        nonlinear: values of fields that switch off errors without a linear model.
     """
 
     kind: str
@@ -39,11 +40,21 @@ class SensorSettings(AidingSensor, Model):
     fault: AnyFault | None = Field(default=None, description="fault of the sensor; none if not given")
     law: ClassVar[SensorLaw]
     noise: ClassVar[tuple[str, ...]]
+    nonlinear: ClassVar[dict[str, Any]] = {}
 
     @property
     def can_miss(self) -> bool:
         """True if readings can be missing, so that their validity is a signal."""
         return self.law.can_miss or self.fault is not None
+
+    def in_hover(self) -> "SensorSettings":
+        """Return the sensor without a fault, and without errors that have no linear model."""
+        return self.model_copy(update={"fault": None, **self.nonlinear})
+
+    def without_noise(self) -> "SensorSettings":
+        """Return the sensor without noise."""
+        zeros = {name: (0.0,) * len(v) if isinstance(v := getattr(self, name), tuple) else 0.0 for name in self.noise}
+        return self.model_copy(update=zeros)
 
     @property
     def latency(self) -> Any:

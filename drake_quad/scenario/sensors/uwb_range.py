@@ -39,6 +39,7 @@ class UwbRangeSettings(SensorSettings):
         " the distance (m)",
     )
     law: ClassVar = UWB_RANGE
+    nonlinear: ClassVar = {"outlier_rate": 0.0}
     noise: ClassVar = ("distance_noise", "outlier_rate")
     aids: ClassVar = AidingUse("anchor_distance", (("distance_noise",),))
 
