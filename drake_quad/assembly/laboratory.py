@@ -53,7 +53,9 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     _check_step(fleet)
     pose, motion = _initial_state(scenario, fleet, plan)
     estimator = scenario.laboratory.estimator.recipe(scenario, fleet, initial_body_state(pose, motion))
-    cameras = scenario.laboratory.motion_capture.recipe(fleet.laboratory.motion_capture)
+    cameras = scenario.laboratory.motion_capture.recipe(
+        fleet.laboratory.motion_capture, reports_losses=estimator is not None
+    )
     return {
         "vehicle": _vehicle(scenario, fleet, pose, motion, duration),
         "allocation": _allocation(scenario),

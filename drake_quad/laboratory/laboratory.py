@@ -35,6 +35,7 @@ from drake_quad.randomness.noise import (
     random_streams,
 )
 from drake_quad.randomness.streams import Samples, StreamKind
+from drake_quad.signals import valid_signal
 
 
 def build_laboratory(
@@ -108,6 +109,8 @@ def build_laboratory(
     if motion_capture is not None:
         systems.append(builder.AddNamedSystem("motion_capture", motion_capture))
         sources["motion_capture"] = motion_capture.GetOutputPort("measurement")
+        if motion_capture.HasOutputPort("measurement_valid"):
+            sources[valid_signal("motion_capture")] = motion_capture.GetOutputPort("measurement_valid")
     if autopilot is not None:
         systems.append(builder.AddNamedSystem("autopilot", autopilot))
         sources["wrench"] = autopilot.GetOutputPort("wrench")

@@ -12,13 +12,14 @@ from typing import Annotated, NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.framework.elementary import exp, lazy_where, sqrt, where
+from drake_quad.framework.elementary import exp, identity, lazy_where, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Tilt
 from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step, latest_sample
-from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
+from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State, Valid
 
 # Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The
 # error of eq (2) is of third order in the changes. If the changes over the two frames are unequal, as near a pitch of
@@ -206,6 +207,18 @@ def next_frame(
     return *delay_line_step(frame, in_transit, cameras.errors.latency_frames), Pose.of(last), after
 
 
+def frame_validity(
+    in_transit: tuple[Valid, ...], random: Dropout, cameras: Cameras
+) -> tuple[Valid, tuple[Valid, ...]]:
+    """Return the states of the delay line for the validity of the frames after a frame."""
+    valid = where(random.frame < cameras.errors.dropout_rate, 0.0, 1.0)
+    return delay_line_step(Valid(valid), in_transit, cameras.errors.latency_frames)
+
+
+def _all_valid(_: CameraParameters) -> Valid:
+    return Valid(1.0)
+
+
 def _with_drift(frame: State, drift: VelocityDrift | None, sign: float) -> State:
     """Return a frame with `sign` times the drift added to its velocity."""
     if drift is None:
@@ -327,13 +340,15 @@ class MotionCapture(FleetSystem):
 
     The states are `measurement` and `measurement_in_transit`, the two states of a `DelayLine`. A filter adds the state
     `pose_before`, the pose in the frame before the latest one. A drift adds the state `drift`, the drift in the latest
-    frame. The only parameter of the context is `cameras`.
+    frame. The only parameter of the context is `cameras`. Cameras that report lost frames have the output port
+    `measurement_valid`, which is 1 for a new frame and 0 for a repeated one, and a `DelayLine` for it.
 
     Args:
         num_vehicles: number N of vehicles.
         period: frame period h, s; the paper's cameras run at 100 Hz.
         noisy: True for measurements with noise.
         loses_frames: True if frames can be lost.
+        reports_losses: True for the output port `measurement_valid`; only used if frames can be lost.
         misaligned: True if the markers' frame differs from B.
         velocity_scaled: True if the velocity has a scale error.
         filtered: True if filters estimate velocity and body rates.
@@ -351,6 +366,7 @@ class MotionCapture(FleetSystem):
         period: float = 0.01,
         noisy: bool = False,
         loses_frames: bool = False,
+        reports_losses: bool = False,
         misaligned: bool = False,
         velocity_scaled: bool = False,
         filtered: bool = False,
@@ -392,3 +408,7 @@ class MotionCapture(FleetSystem):
         )
         self.update(period, next_frame, *next_arguments, writes=writes)
         self.state_output(line.out)
+        if random is not None and reports_losses:
+            validity = declare_delay_line(self, "valid", _all_valid, longest_latency)
+            self.update(period, frame_validity, validity.in_transit, random, cameras, writes=tuple(validity))
+            self.output("measurement_valid", identity, validity.out, layout=layout_of(Valid))

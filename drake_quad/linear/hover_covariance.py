@@ -24,6 +24,9 @@ from drake_quad.scenario.hovering import in_hover, without_losses
 from drake_quad.scenario.models import Scenario
 
 
+_STABILITY_TOLERANCE = 1e-9  # rounding error of the magnitude of a pole
+
+
 class LinearHoverError(NamedTuple):
     """Position error in hover, as predicted by the linear model.
 
@@ -55,10 +58,13 @@ def linear_hover_error(scenario: Scenario) -> LinearHoverError:
     system = loop.system
     position_system = system.between(system.inputs, ["state.x", "state.y", "state.z"]).connected()
     size = float(np.abs(position_system.poles()).max(initial=0.0))
-    if size >= 1.0:
+    if size >= 1.0 - _STABILITY_TOLERANCE:
+        cause, remedy = "unstable", "reduce the gains or the delays"
+        if size < 1.0 + _STABILITY_TOLERANCE:
+            cause, remedy = "not asymptotically stable", "an estimator must observe all its states"
         raise InputError(
-            f"the control loop of {scenario.name} is unstable in hover (its largest pole has magnitude {size:.4f}), so"
-            " it has no RMS error; reduce the gains or the delays"
+            f"the control loop of {scenario.name} is {cause} in hover (its largest pole has magnitude {size:.4f}), so"
+            f" it has no RMS error; {remedy}"
         )
     covariance = (
         scipy.linalg.solve_discrete_lyapunov(position_system.A, position_system.B @ position_system.B.T)

@@ -28,6 +28,7 @@ from drake_quad.scenario.quantities import (
     Span,
     Ticks,
     any_nonzero,
+    can_differ_from_zero,
     field_from_record,
     max_ticks,
 )
@@ -69,8 +70,12 @@ class MotionCaptureSettings(AidingSensor, Model):
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
 
     aids: ClassVar = AidingUse("pose", (("position_noise",), ("attitude_noise",)))
-    can_miss: ClassVar = False
     position: ClassVar = (0.0, 0.0, 0.0)
+
+    @property
+    def can_miss(self) -> bool:
+        """True if frames can be lost."""
+        return can_differ_from_zero(self.dropout_rate)
 
     @property
     def latency(self) -> Any:
@@ -82,11 +87,12 @@ class MotionCaptureSettings(AidingSensor, Model):
         position, attitude = deviations
         return PoseAiding(PositionAiding(position, position, position), AttitudeAiding(attitude))
 
-    def recipe(self, fleet: Any) -> Recipe:
+    def recipe(self, fleet: Any, *, reports_losses: bool = False) -> Recipe:
         """Return the recipe for the cameras of a fleet.
 
         Args:
             fleet: cameras of a `Batch.fleet_scenario`.
+            reports_losses: True for an output port with the validity of the frames.
         """
 
         def any_of(*names: str) -> bool:
@@ -96,6 +102,7 @@ class MotionCaptureSettings(AidingSensor, Model):
             "period": self.period,
             "noisy": any_of("position_noise", "attitude_noise"),
             "loses_frames": any_of("dropout_rate"),
+            "reports_losses": reports_losses,
             "misaligned": any_of("misalignment"),
             "velocity_scaled": any_of("velocity_error"),
             "filtered": fleet.derivative_bandwidth is not None,

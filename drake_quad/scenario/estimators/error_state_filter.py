@@ -33,6 +33,9 @@ class AidingSettings(Model):
         description="assumed standard deviation of the readings, in the unit of the readings: one number, or one for"
         " each component; by default, the standard deviation of the errors of the sensor without its biases",
     )
+    latency: Annotated[int, Field(ge=0, le=50)] | None = Field(
+        default=None, description="assumed delay of the readings, in whole periods; that of the sensor by default"
+    )
     innovation_limit: FixedPositive = Field(
         default=5.0,
         description="largest innovation that is used, as a multiple of its standard deviation (1); the default is that"
@@ -103,7 +106,8 @@ class ErrorStateFilterSettings(Estimator):
         for name, source in self._sources(scenario.laboratory, laboratory).items():
             settings, used = source.settings, filter_of_fleet.used(name)
             samples = round(settings.period / period)
-            aiding.append(Aiding(name, settings.aids.kind, samples, settings.can_miss, int(settings.latency)))
+            latency = settings.latency if used.latency is None else used.latency
+            aiding.append(Aiding(name, settings.aids.kind, samples, settings.can_miss, int(latency)))
             place = source.fleet.place
             lever = None if place is None else _unless_zero(minus(Vector(*place), Vector(*imu)))
             parameters.append(
@@ -214,10 +218,9 @@ class ErrorStateFilterSettings(Estimator):
             ratio = source.settings.period / gyroscope.period
             if abs(ratio - round(ratio)) > 1e-6 or ratio < 0.5:
                 yield f"must be a multiple of the gyroscope's period, {gyroscope.period:g}", *field, "period"
-            if isinstance(source.settings.latency, Distribution):
-                yield "must have a latency that is a number, since the estimator knows it", *field
-            if name == _MOTION_CAPTURE and can_differ_from_zero(source.settings.dropout_rate):
-                yield "must be 0 with an estimator, which would use the repeated frames", *field, "dropout_rate"
+            if source.aiding.latency is None and isinstance(source.settings.latency, Distribution):
+                demand = "has a random latency; give the latency that the estimator assumes"
+                yield demand, "estimator", "aiding", name
             given = source.aiding.deviation
             if isinstance(given, tuple) and len(given) != (number := len(source.settings.reading_deviations())):
                 yield f"must be one number or {number} numbers", "estimator", "aiding", name, "deviation"
