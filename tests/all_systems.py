@@ -581,12 +581,13 @@ GROUND_EFFECT = Effects(ground_effect=GroundEffect(0.11, 0.05))
 FILTER = FilterParameters(
     InertialNoise(0.011, 0.12, 0.0013, 0.0014),
     EstimateDeviation(*(0.3 + 0.02 * np.arange(15)).tolist()),
-    (AidingParameters(PositionAiding(0.21, 0.22, 0.23), 24.0, 6.0),),
-    0.34,
-    9.79,
+    (AidingParameters(PositionAiding(0.21, 0.22, 0.23), 24.0, 6.0, Vector(0.11, -0.12, 0.13)),),
+    initial_yaw=0.34,
+    gravity=9.79,
+    imu=Vector(0.02, 0.03, -0.04),
 )
 FILTER_STRUCTURE = {
-    "aiding": (Aiding("position", "position", 4, can_miss=True),),
+    "aiding": (Aiding("position", "position", 4, can_miss=True, latency=1),),
     "period": 0.002,
     "block_samples": 2,
 }

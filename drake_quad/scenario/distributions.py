@@ -89,7 +89,7 @@ class Model(BaseModel):
         """
         value: Any = self
         for key in path:
-            value = value[key] if isinstance(key, int) else getattr(value, key)
+            value = value[key] if isinstance(value, dict | tuple) else getattr(value, key)
         return validation_error(demand, path=path, value=value)
 
 
