@@ -66,7 +66,7 @@ from drake_quad.control.policy.observation import ObservationParameters, Observa
 from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringParameters
-from drake_quad.estimation.corrections import PositionAiding
+from drake_quad.estimation.corrections import HeightAiding, PositionAiding
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
 from drake_quad.framework.broadcast import Broadcast
@@ -586,10 +586,15 @@ FILTER = FilterParameters(
     gravity=9.79,
     imu=Vector(0.02, 0.03, -0.04),
 )
-FILTER_STRUCTURE = {
+FILTER_STRUCTURE: dict[str, Any] = {
     "aiding": (Aiding("position", "position", 4, can_miss=True, latency=1),),
     "period": 0.002,
     "block_samples": 2,
+}
+FILTER_OF_TWO = FILTER._replace(aiding=(*FILTER.aiding, AidingParameters(HeightAiding(0.31), 21.0, 7.0)))
+FILTER_OF_TWO_STRUCTURE = {
+    **FILTER_STRUCTURE,
+    "aiding": (*FILTER_STRUCTURE["aiding"], Aiding("height", "height", 2)),  # its readings wait for the position
 }
 
 FLEET_SYSTEMS = [
@@ -605,6 +610,7 @@ FLEET_SYSTEMS = [
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, WRENCH_LINK, LOSSY_LINK, num_vehicles=2),
     Example(ErrorStateKalmanFilter, FILTER, FILTER_STRUCTURE, num_vehicles=2),
+    Example(ErrorStateKalmanFilter, FILTER_OF_TWO, FILTER_OF_TWO_STRUCTURE, has_all_ports=False),
     Example(CommandLink, WRENCH_LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
     Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),
