@@ -43,7 +43,10 @@ def sqrt(x: Row) -> Row:
     """Return the square root; NaN for a negative number, which can occur for a diverged vehicle."""
     if x.__class__ is float:
         return math.sqrt(x) if x >= 0.0 else math.nan
-    return untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
+    if x.__class__ is Symbol:
+        return untyped(approximations.sqrt(x))
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(x)
 
 
 def arctan(x: Row, *, small: bool = False) -> Row:
