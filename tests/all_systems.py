@@ -66,6 +66,7 @@ from drake_quad.control.policy.observation import ObservationParameters, Observa
 from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringParameters
+from drake_quad.estimation.complementary_filter import ComplementaryFilter, ComplementaryParameters, TimeConstants
 from drake_quad.estimation.corrections import HeightAiding, PositionAiding
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
@@ -591,6 +592,10 @@ FILTER_STRUCTURE: dict[str, Any] = {
     "period": 0.002,
     "block_samples": 2,
 }
+COMPLEMENTARY_FILTER = ComplementaryParameters(
+    TimeConstants(1.1, 7.2, 0.53, 0.24, 0.35), (PositionAiding(0.21, 0.22, 0.23),), initial_yaw=0.34, gravity=9.79
+)
+COMPLEMENTARY_STRUCTURE = {"aiding": (Aiding("position", "position", 4, can_miss=True),), "period": 0.002}
 FILTER_OF_TWO = FILTER._replace(aiding=(*FILTER.aiding, AidingParameters(HeightAiding(0.31), 21.0, 7.0)))
 FILTER_OF_TWO_STRUCTURE = {
     **FILTER_STRUCTURE,
@@ -610,6 +615,7 @@ FLEET_SYSTEMS = [
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, WRENCH_LINK, LOSSY_LINK, num_vehicles=2),
     Example(ErrorStateKalmanFilter, FILTER, FILTER_STRUCTURE, num_vehicles=2),
+    Example(ComplementaryFilter, COMPLEMENTARY_FILTER, COMPLEMENTARY_STRUCTURE, num_vehicles=2),
     Example(ErrorStateKalmanFilter, FILTER_OF_TWO, FILTER_OF_TWO_STRUCTURE, has_all_ports=False),
     Example(CommandLink, WRENCH_LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),

@@ -182,14 +182,17 @@ def corrected_error(
         is_used = squared <= gate.squared_limit * variance
         normalised.append(remaining / sqrt(variance))
         increase = where(is_used, 0.0, squared)
-        direction = _reset_direction(derivatives, reset)
+        change = zip(getattr(_INDICES, reset), shortest_change(getattr(derivatives, reset)), strict=True)
+        direction = [(i, weight) for i, weight in change if weight is not None]
         for i, weight in direction:
             gains[i] = gains[i] + weight * increase
         added = where(gate.resets, increase, 0.0)
         _add_variance(matrix, direction, added)
         if reset == "position":
             to_velocity = _INDICES.velocity.start - _INDICES.position.start
-            _add_variance(matrix, [(i + to_velocity, weight) for i, weight in direction], added / (gate.time * gate.time))
+            _add_variance(
+                matrix, [(i + to_velocity, weight) for i, weight in direction], added / (gate.time * gate.time)
+            )
         factor = where(gate.resets | is_used, 1.0 / (variance + increase), 0.0)
         for i in range(_NUM_ERRORS):
             gain = gains[i] * factor
@@ -208,15 +211,16 @@ def _add_variance(matrix: list[list[Row]], direction: Sequence[tuple[int, Row]],
                 matrix[i][j] = matrix[j][i] = matrix[i][j] + weight * other * variance
 
 
-def _reset_direction(derivatives: Any, reset: str) -> list[tuple[int, Row]]:
-    """Return indices and components of the shortest change of a field that changes the predicted value by 1."""
-    block, indices = getattr(derivatives, reset), getattr(_INDICES, reset)
-    nonzero = [(i, each) for i, each in zip(indices, block, strict=True) if each is not None]
+def shortest_change(derivatives: Vector) -> Vector:
+    """Return the shortest change of a vector that changes a predicted value by 1, given the derivatives of the value.
+
+    Components that are None stand for zeros.
+    """
+    nonzero = [each for each in derivatives if each is not None]
     if len(nonzero) == 1:
-        ((index, derivative),) = nonzero
-        return [(index, 1.0 / derivative)]
-    scale = 1.0 / (total([each * each for _, each in nonzero]) + TINY)
-    return [(i, scale * each) for i, each in nonzero]
+        return Vector._make(None if each is None else 1.0 / each for each in derivatives)  # type: ignore[arg-type]
+    scale = 1.0 / (total([each * each for each in nonzero]) + TINY)
+    return Vector._make(None if each is None else scale * each for each in derivatives)  # type: ignore[arg-type]
 
 
 def _flat(derivatives: Any) -> list[Any]:

@@ -30,7 +30,7 @@ from drake_quad.estimation.estimate import (
     with_biases_of,
     with_error,
 )
-from drake_quad.framework.elementary import identity, maximum, minimum, total, where, lazy_where
+from drake_quad.framework.elementary import identity, lazy_where, maximum, minimum, total, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of, rows_layout
 from drake_quad.geometry.axes import Vector
@@ -197,9 +197,7 @@ def initial_memory(structure: FilterStructure, parameters: FilterParameters) -> 
     zero, start = Vector(0.0, 0.0, 0.0), parameters.start
     if start is None:
         start = Estimate(zero, zero, NO_ROTATION, zero, zero)
-    increment = NO_INCREMENT._replace(
-        gyroscope_bias=start.gyroscope_bias, accelerometer_bias=start.accelerometer_bias
-    )
+    increment = NO_INCREMENT._replace(gyroscope_bias=start.gyroscope_bias, accelerometer_bias=start.accelerometer_bias)
     arrivals = tuple([float(each.latency * each.samples) for each in structure.aiding])
     readings = (float(structure.horizon),) * len(structure.aiding)
     rejections = tuple([each.max_rejections for each in parameters.aiding])
@@ -249,9 +247,9 @@ def filter_step(
     samples = [each.samples for each in structure.aiding]
     counters = memory.counters._replace(
         waits_for_start=0.0,
-        samples_to_block=_next_wait(waits.samples_to_block, structure.block_samples),
-        samples_to_arrival=tuple(map(_next_wait, waits.samples_to_arrival, samples)),
-        samples_to_reading=tuple(map(_next_wait, waits.samples_to_reading, samples)),
+        samples_to_block=next_wait(waits.samples_to_block, structure.block_samples),
+        samples_to_arrival=tuple(map(next_wait, waits.samples_to_arrival, samples)),
+        samples_to_reading=tuple(map(next_wait, waits.samples_to_reading, samples)),
     )
     increment = extended(memory.increment, gyroscope, accelerometer, structure.period)
     return memory._replace(increment=increment, counters=counters)
@@ -271,17 +269,15 @@ def _with_arrivals(memory: Memory, readings: Sequence[StoredReading]) -> tuple[t
 def _levelled(memory: Memory, parameters: FilterParameters, accelerometer: Vector) -> Memory:
     """Return the state whose attitude follows from the accelerometer if this is the first sample."""
     estimate, starts = memory.estimate, memory.counters.waits_for_start > 0.5
-    attitude = _if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
+    attitude = if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
     return memory._replace(estimate=estimate._replace(attitude=attitude))
 
 
-def _at_next_horizon(
-    structure: FilterStructure, memory: Memory, parameters: FilterParameters, begins: Any
-) -> Memory:
+def _at_next_horizon(structure: FilterStructure, memory: Memory, parameters: FilterParameters, begins: Any) -> Memory:
     """Return the state with a horizon that is one block later, if a block begins at this sample."""
     blocks = (memory.increment, *memory.blocks)
     arguments = memory.estimate, memory.covariance, blocks[-1], parameters.noise, parameters.gravity
-    estimate, covariance = _if_needed(begins, _after_block, arguments, (memory.estimate, memory.covariance))
+    estimate, covariance = if_needed(begins, _after_block, arguments, (memory.estimate, memory.covariance))
     if structure.num_blocks:
         memory = memory._replace(blocks=where(begins, blocks[:-1], memory.blocks))
     return memory._replace(estimate=estimate, covariance=covariance)
@@ -314,7 +310,7 @@ def _corrected(
         before = memory.innovation[first : first + aiding.law.num_scalars]
         first += aiding.law.num_scalars
         arguments = estimate, covariance, reading, aiding_parameters, rates, counters.rejections[k]
-        after = _if_needed(
+        after = if_needed(
             is_new,
             _Correction(aiding.law, aiding.samples * structure.period),
             arguments,
@@ -343,7 +339,7 @@ def _with_new_block(
     )
     memory = memory._replace(increment=where(begins, empty, memory.increment))
     if structure.num_blocks:
-        ahead = _if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.ahead)
+        ahead = if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.ahead)
         memory = memory._replace(ahead=ahead)
     return memory
 
@@ -355,7 +351,7 @@ def _at_present(estimate: Estimate, blocks: tuple[InertialIncrement, ...], gravi
     return estimate
 
 
-def _next_wait(wait: Number, period: int) -> Number:
+def next_wait(wait: Number, period: int) -> Number:
     """Return the number of samples to the next event of a given period, after a sample."""
     return where(wait < 0.5, period - 1.0, wait - 1.0)
 
@@ -441,7 +437,7 @@ def _state_at_present(
     return state_of(present, gyroscope, parameters.imu)
 
 
-def _if_needed(mask: Any, formula: Callable[..., Any], arguments: Sequence[Any], otherwise: Any) -> Any:
+def if_needed(mask: Any, formula: Callable[..., Any], arguments: Sequence[Any], otherwise: Any) -> Any:
     """Return `lazy_where` of a formula of records.
 
     Args:
@@ -516,7 +512,7 @@ class ErrorStateKalmanFilter(FleetSystem):
         parameters: FilterParameters,
     ) -> None:
         """Declare ports, states and parameters."""
-        _check(aiding, block_samples, parameters)
+        check_aiding(aiding, block_samples, [each.sensor for each in parameters.aiding])
         structure = FilterStructure(tuple(aiding), period, block_samples)
         gyroscope = self.input("gyroscope", layout=layout_of(BodyRates))
         accelerometer = self.input("accelerometer", layout=layout_of(Vector))
@@ -545,12 +541,19 @@ def _has_rows(record: Any) -> bool:
     return record is not None and layout_of(type(record), record).num_rows > 0
 
 
-def _check(aiding: Sequence[Aiding], block_samples: int, parameters: FilterParameters) -> None:
+def check_aiding(aiding: Sequence[Aiding], block_samples: int, parameters: Sequence[Any]) -> None:
+    """Raise ValueError if aiding sensors do not fit the blocks, or their parameters.
+
+    Args:
+        aiding: aiding sensors.
+        block_samples: number of samples in a block.
+        parameters: parameters of the measurement equation of each sensor.
+    """
     if block_samples < 1:
         raise ValueError(f"block_samples is {block_samples}, but must be at least 1")
-    if len(aiding) != len(parameters.aiding):
-        raise ValueError(f"there are parameters for {len(parameters.aiding)} aiding sensors, but {len(aiding)} sensors")
-    for each, given in zip(aiding, parameters.aiding, strict=True):
+    if len(aiding) != len(parameters):
+        raise ValueError(f"there are parameters for {len(parameters)} aiding sensors, but {len(aiding)} sensors")
+    for each, given in zip(aiding, parameters, strict=True):
         if each.kind not in AIDING_LAWS:
             raise ValueError(f"{each.name} has the kind {each.kind!r}, but must have one of {', '.join(AIDING_LAWS)}")
         if each.samples < 1 or each.samples % block_samples:
@@ -558,8 +561,8 @@ def _check(aiding: Sequence[Aiding], block_samples: int, parameters: FilterParam
                 f"{each.name} has a period of {each.samples} samples, but must have a multiple of block_samples,"
                 f" which is {block_samples}"
             )
-        if type(given.sensor) is not each.law.aiding:
+        if type(given) is not each.law.aiding:
             raise ValueError(
-                f"{each.name} has parameters of type {type(given.sensor).__name__}, but the kind {each.kind!r} needs"
+                f"{each.name} has parameters of type {type(given).__name__}, but the kind {each.kind!r} needs"
                 f" {each.law.aiding.__name__}"
             )

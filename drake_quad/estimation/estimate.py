@@ -57,9 +57,9 @@ class ErrorState(NamedTuple):
 class InertialIncrement(NamedTuple):
     """Motion over successive samples of the inertial measurement unit, relative to its beginning.
 
-    The integrals are in the axes that the body has at the beginning, and without gravity (C. Forster et al., "On-manifold
-    preintegration", IEEE Transactions on Robotics 33, 2017, section VI). They do not depend on the estimate, except for
-    the biases.
+    The integrals are in the axes that the body has at the beginning, and without gravity (C. Forster et al.,
+    "On-manifold preintegration", IEEE Transactions on Robotics 33, 2017, section VI). They do not depend on the
+    estimate, except for the biases.
 
     Attributes:
         duration: sum of the sampling periods.
@@ -133,9 +133,7 @@ def with_biases_of(increment: InertialIncrement, estimate: Estimate) -> Inertial
     )
 
 
-def predicted(
-    estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]
-) -> Estimate:
+def predicted(estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]) -> Estimate:
     """Return the estimate at the end of an increment that begins at the estimate."""
     axes, time = estimate.attitude.axes(), increment.duration
     change, way = axes.in_world(increment.velocity), axes.in_world(increment.position)

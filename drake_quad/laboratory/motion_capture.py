@@ -207,9 +207,7 @@ def next_frame(
     return *delay_line_step(frame, in_transit, cameras.errors.latency_frames), Pose.of(last), after
 
 
-def frame_validity(
-    in_transit: tuple[Valid, ...], random: Dropout, cameras: Cameras
-) -> tuple[Valid, tuple[Valid, ...]]:
+def frame_validity(in_transit: tuple[Valid, ...], random: Dropout, cameras: Cameras) -> tuple[Valid, tuple[Valid, ...]]:
     """Return the states of the delay line for the validity of the frames after a frame."""
     valid = where(random.frame < cameras.errors.dropout_rate, 0.0, 1.0)
     return delay_line_step(Valid(valid), in_transit, cameras.errors.latency_frames)

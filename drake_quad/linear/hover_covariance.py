@@ -23,7 +23,6 @@ from drake_quad.linear.closed_loop import loop_with_noise
 from drake_quad.scenario.hovering import in_hover, without_losses
 from drake_quad.scenario.models import Scenario
 
-
 _STABILITY_TOLERANCE = 1e-9  # rounding error of the magnitude of a pole
 
 

@@ -100,7 +100,9 @@ def initial_state(
     """
     *_, first, second, third, fourth = motion
     speeds = hover_rotor_speeds(hover_equivalent(parameters, effects, pose.z))
-    rotors = RotorSpeed._make(speed * factor for speed, factor in zip(speeds, (first, second, third, fourth), strict=True))
+    rotors = RotorSpeed._make(
+        speed * factor for speed, factor in zip(speeds, (first, second, third, fourth), strict=True)
+    )
     swing = None if effects.slung_load is None else HANGING
     return VehicleState(initial_body_state(pose, motion), rotors, swing, None if effects.battery is None else FULL)
 

@@ -148,9 +148,7 @@ def start(system, p, v, rotations, b_g, b_a):
         ),
     )
     increment, counters = system.get_state(context, "increment"), system.get_state(context, "counters")
-    system.set_state(
-        context, "increment", increment._replace(gyroscope_bias=vectors[2], accelerometer_bias=vectors[3])
-    )
+    system.set_state(context, "increment", increment._replace(gyroscope_bias=vectors[2], accelerometer_bias=vectors[3]))
     system.set_state(context, "counters", counters._replace(waits_for_start=0.0))
     return context
 
@@ -248,8 +246,8 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
         if k % 2 == 0:
             dense.propagate()
         if k % 4 == 0:
-            # The derivatives of a rotation vector are taken where the vector is zero, and those of the magnetic field at
-            # the field of the earth.
+            # The derivatives of a rotation vector are taken where the vector is zero, and those of the magnetic field
+            # at the field of the earth.
             predicted_reading = {
                 "attitude": Rotation.from_matrix(dense.R).as_euler("ZYX")[::-1],
                 "magnetic_field": dense.R.T @ EARTH_FIELD,
@@ -278,7 +276,7 @@ def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
     Biases that are known exactly make the comparison exact: stored samples need no correction for later biases.
     """
     generator, motion = np.random.default_rng(4), figure_eight(1.5)
-    known = INITIAL._replace(**{name: 0.0 for name in EstimateDeviation._fields[9:]})
+    known = INITIAL._replace(**dict.fromkeys(EstimateDeviation._fields[9:], 0.0))
     noise = NOISE._replace(gyroscope_walk=0.0, accelerometer_walk=0.0)
     sensors = [("position", 4), ("yaw", 6)]
     systems, contexts = [], []
@@ -302,7 +300,7 @@ def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
     for k in range(len(motion.rates)):
         gyroscopes.append(motion.rates[k] + 0.02 * generator.standard_normal(3))
         forces.append(motion.forces[k] + 0.2 * generator.standard_normal(3))
-        for (kind, samples), delay in zip(sensors, latencies, strict=True):
+        for kind, samples in sensors:
             if k % samples == 0:
                 state = motion.position[k], motion.velocity[k], motion.rotations[k], motion.rates[k]
                 taken[kind].append(reading_of(kind, *state, generator))

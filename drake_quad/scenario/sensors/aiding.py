@@ -34,6 +34,11 @@ class AidingSensor:
         """Position of the sensor in B relative to the origin of the layout, m; None if it does not affect a reading."""
         return getattr(self, "position", None)
 
+    @property
+    def num_components(self) -> int:
+        """Number of components of a reading that have a standard deviation of their own."""
+        return len(self._parts_of_noise())
+
     def reading_deviations(self) -> tuple[Any, ...]:
         """Return the standard deviation of each component of a reading; items may be (N,) arrays."""
         return tuple([np.sqrt(sum(np.square(each) for each in parts)) for parts in self._parts_of_noise()])

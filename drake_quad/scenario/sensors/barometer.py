@@ -17,8 +17,8 @@ from drake_quad.laboratory.sensors.gauss_markov import Correlation
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Span, field_from_record
-from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 

@@ -18,8 +18,8 @@ from drake_quad.laboratory.sensors.gnss import (
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Position, Span, field_from_record
-from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 _PerAxis = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]

@@ -44,7 +44,12 @@ class InertialSettings(SensorSettings):
     )
     vibration: VibrationSettings | None = Field(default=None, description="vibration of the rotors; none if not given")
     noise: ClassVar = ("noise_density", "bias_instability", "bias_random_walk")
-    nonlinear: ClassVar = {"resolution": 0.0, "full_scale": None, "vibration": None, "temperature_coefficient": NO_ERROR}
+    nonlinear: ClassVar = {
+        "resolution": 0.0,
+        "full_scale": None,
+        "vibration": None,
+        "temperature_coefficient": NO_ERROR,
+    }
 
     def inertial_errors(self, vibration: Vibration | None) -> InertialErrors:
         """Return the errors of the sensor, given its vibration."""

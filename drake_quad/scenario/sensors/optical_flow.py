@@ -7,8 +7,8 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.optical_flow import OPTICAL_FLOW, OpticalFlowParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_RELATIVE_ERROR, PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, RelativeError, field_from_record
-from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 

@@ -7,8 +7,8 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.range_finder import RANGE_FINDER, RangeFinderParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, not_in_millimetres
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, field_from_record
-from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # Laser range finders of small vehicles measure up to 200 m.

@@ -5,14 +5,14 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from drake_quad.estimation.corrections import AnchorAiding
-from drake_quad.geometry.axes import Vector
 from drake_quad.framework.records import record_like
+from drake_quad.geometry.axes import Vector
 from drake_quad.laboratory.sensors.uwb_range import UWB_RANGE, Anchor, Outliers, UwbErrors, UwbParameters
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Probability, field_from_record
-from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 
