@@ -218,9 +218,9 @@ def shortest_change(derivatives: Vector) -> Vector:
     """
     nonzero = [each for each in derivatives if each is not None]
     if len(nonzero) == 1:
-        return Vector._make(None if each is None else 1.0 / each for each in derivatives)  # type: ignore[arg-type]
+        return Vector._make(None if each is None else 1.0 / each for each in derivatives)
     scale = 1.0 / (total([each * each for each in nonzero]) + TINY)
-    return Vector._make(None if each is None else scale * each for each in derivatives)  # type: ignore[arg-type]
+    return Vector._make(None if each is None else scale * each for each in derivatives)
 
 
 def _flat(derivatives: Any) -> list[Any]:

@@ -523,10 +523,11 @@ class ErrorStateKalmanFilter(FleetSystem):
             readings.append(valid)
         parameter = self.parameter("parameters", lambda parameters: parameters)
         initial = initial_memory(structure, parameters)
-        has_rows = Memory(*map(_has_rows, initial))
         writes = Memory._make(
-            self.state(name, _InitialGroup(name, structure), is_scheduled=name in _SCHEDULED) if has else None
-            for name, has in zip(Memory._fields, has_rows, strict=True)
+            self.state(name, _InitialGroup(name, structure), is_scheduled=name in _SCHEDULED)
+            if _has_rows(group)
+            else None
+            for name, group in zip(Memory._fields, initial, strict=True)
         )
         reads = [given if group is None else group for group, given in zip(writes, initial, strict=True)]
         arguments = parameter, gyroscope, accelerometer, *reads, *readings

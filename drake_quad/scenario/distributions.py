@@ -89,7 +89,7 @@ class Model(BaseModel):
         """
         value: Any = self
         for key in path:
-            value = value[key] if isinstance(value, dict | tuple) else getattr(value, key)
+            value = getattr(value, str(key)) if isinstance(value, Model) else value[key]
         return validation_error(demand, path=path, value=value)
 
 

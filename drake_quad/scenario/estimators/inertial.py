@@ -1,7 +1,7 @@
 """Base class of estimators on board, which integrate gyroscope and accelerometer."""
 
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class InertialEstimator(Estimator):
     """
 
     default_aiding: ClassVar[Model]
+    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
+        aiding: dict[str, Any] | None
 
     @property
     def reads_motion_capture(self) -> bool:
@@ -58,7 +60,7 @@ class InertialEstimator(Estimator):
         sensors, drawn = laboratory.named_sensors, fleet.named_sensors
         every = cameras | {name: (sensors[name], drawn[name]) for name in sensors}
         names = [*self.aiding] if self.aiding is not None else [name for name in sensors if sensors[name].aids]
-        return {name: AidingSource(*every[name], self.use_of(name)) for name in names}
+        return {name: AidingSource(every[name][0], every[name][1], self.use_of(name)) for name in names}
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if a sensor is missing, or if the estimator cannot use it."""

@@ -46,4 +46,5 @@ class OpticalFlowSettings(SensorSettings):
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> FlowAiding:
         """Return the use of the flow."""
-        return FlowAiding(*deviations, self.ground)  # type: ignore[arg-type]
+        (deviation,) = deviations
+        return FlowAiding(deviation, self.ground)

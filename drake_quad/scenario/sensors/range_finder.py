@@ -47,4 +47,5 @@ class RangeFinderSettings(SensorSettings):
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> GroundAiding:
         """Return the use of a distance to the ground. By default, its standard deviation is that at 1 m."""
-        return GroundAiding(*deviations, self.ground)  # type: ignore[arg-type]
+        (deviation,) = deviations
+        return GroundAiding(deviation, self.ground)

@@ -51,4 +51,5 @@ class UwbRangeSettings(SensorSettings):
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> AnchorAiding:
         """Return the use of a distance to the anchor."""
-        return AnchorAiding(*deviations, Vector(*self.anchor))
+        (deviation,) = deviations
+        return AnchorAiding(deviation, Vector(*self.anchor))
