@@ -223,7 +223,10 @@ class Polytope:
         return max(float(np.abs(self.offsets).max()), 1.0)
 
     def __str__(self) -> str:
-        return f"the polytope of {self.faces} faces around {format_vector(self.centre)}"
+        faces = f"{self.faces} {'face' if self.faces == 1 else 'faces'}"
+        if np.abs([*self.centre, self.radius]).max() >= _MAX_INSCRIBED_RADIUS:
+            return f"the unbounded polytope of {faces}"
+        return f"the polytope of {faces} around {format_vector(self.centre)}"
 
 
 @lru_cache(maxsize=4096)

@@ -46,6 +46,7 @@ MESHES = {
     "sphere of 120": (sphere(120), 0.015),
     "flat ellipsoid": (sphere(400, 1) * [1.0, 1.0, 0.02], 0.03),
     "needle": (sphere(400, 2) * [1.0, 0.01, 0.01], 0.03),
+    "needle as thin as a hull may be": (sphere(5000, 11) * [1.0, 1e-6, 1e-6], 0.03),
     "leaning ellipsoid": (sphere(400, 3) @ np.random.default_rng(3).normal(size=(3, 3)), 0.035),
     "far from the origin": (1e3 + 0.2 * sphere(150, 4), 0.02),
     "in coordinates of a map": (sphere(150, 4) + np.array([4.5e5, 5.3e6, 300.0]), 0.02),
