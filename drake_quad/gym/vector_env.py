@@ -29,6 +29,7 @@ from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import Overrides
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import SIGNALS
+from drake_quad.user_code import describe_callable, takes_one_argument
 
 # Output ports that are read at every step. Users can request further ports.
 _REQUIRED_OUTPUTS = ("observation", "state", "reference")
@@ -108,8 +109,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if plan is not None and not isinstance(plan, Plan):
             raise InputError(f"plan is {short_repr(plan)}, but must be a Plan")
         for name, function in (("reward", reward), ("terminates", terminates)):
-            if not callable(function):
-                raise InputError(f"{name} is {short_repr(function)}, but must be a function of a Transition")
+            if not takes_one_argument(function):
+                what = describe_callable(function) if callable(function) else short_repr(function)
+                raise InputError(f"{name} is {what}, but must be a function of a Transition")
         modes = [str(mode.value) for mode in AutoresetMode]
         if autoreset_mode not in [*AutoresetMode, *modes]:
             raise InputError(f"autoreset_mode is {short_repr(autoreset_mode)}, but must be one of {join_names(modes)}")

@@ -487,6 +487,7 @@ def test_the_tracking_reward_follows_its_formula():
         ),
         (lambda: envs_of(2, plan=3), "plan is 3, but must be a Plan"),
         (lambda: envs_of(2, reward=None), "reward is None, but must be a function of a Transition"),
+        (lambda: envs_of(2, reward=lambda: 0.0), r"reward is <lambda>\(\), but must be a function of a Transition"),
         (lambda: envs_of(2, terminates=1), "terminates is 1, but must be a function of a Transition"),
         (lambda: envs_of(2).reset(seed=1.5), "seed is 1.5, but must be a whole number"),
         (lambda: envs_of(2).reset(seed="a"), "seed is 'a', but must be a whole number"),
