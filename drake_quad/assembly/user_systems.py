@@ -48,7 +48,8 @@ class UserSystems(NamedTuple):
             takes_number = takes_one_argument(make)
             system = make(num_vehicles) if takes_number else None
             if not _is_system(system):  # reject None, which would later select the scenario's system
-                flaw = f"{describe_callable(make)} returns {_returned(system)}" if takes_number else f"is {describe_callable(make)}"
+                name_of_function = describe_callable(make)
+                flaw = f"{name_of_function} returns {_returned(system)}" if takes_number else f"is {name_of_function}"
                 raise InputError(
                     f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"
                     f" `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {flaw}"
