@@ -27,6 +27,7 @@ from drake_quad.studies.worker_pool import WorkerPool
 
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
 _MAX_VALUE = 0.5e9  # largest magnitude of a metric in the search, which replaces infinity
+_MAX_MEAN = 4e6  # largest magnitude of a finite mean; with one infinite metric, the mean of 100 flights exceeds it
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
 _INITIAL_STEP = 1.0  # initial step size of CMA-ES, standard deviations
@@ -187,5 +188,5 @@ def find_worst_case(
 
 
 def _metric(badness: float) -> float:
-    """Return the metric that a value of the search states; the mean over several flights is infinite if one of them is."""
-    return badness if abs(badness) < _MAX_VALUE / 100 else math.copysign(math.inf, badness)
+    """Return the metric of a value of the search, which is infinite if that of an averaged flight is infinite."""
+    return badness if abs(badness) < _MAX_MEAN else math.copysign(math.inf, badness)

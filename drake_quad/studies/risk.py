@@ -283,9 +283,9 @@ def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
         if run.equal_fraction:
             value = event.value(np.array([run.levels[-1]]))[0]
             raise InputError(
-                f"{event.metric} is {value:.4g} in {run.equal_fraction:.1%} of the samples of a step, so it does not show"
-                f" how close a flight is to {event}; choose another metric, or estimate the probability with drake-quad"
-                " study"
+                f"{event.metric} is {value:.4g} in {run.equal_fraction:.1%} of the samples of a step, so it does not"
+                f" show how close a flight is to {event}; choose another metric, or estimate the probability with"
+                " drake-quad study"
             )
         if run.probability == 0.0:
             reached = event.value(np.array([run.history[-1][0]]))[0]
