@@ -6,7 +6,6 @@ if the requirement is violated.
 """
 
 import argparse
-import math
 import time
 from pathlib import Path
 
@@ -92,7 +91,7 @@ def main(arguments: argparse.Namespace) -> None:
         f"{scenario.name}: the worst of {found.num_flights:,} flights in {seconds:.0f} s, within {arguments.sigma:g}"
         " standard deviations:"
     )
-    if math.isinf(found.value):
+    if found.is_crash:
         print(f"  it crashes at {worst.metrics.crash_time:.2f} s")
     values = [f"{getattr(flight.metrics, metric):.4g} {'' if unit == '1' else unit}".rstrip() for flight in flights]
     print(f"  {metric} {values[0]}, nominal {values[1]}")

@@ -26,6 +26,7 @@ from drake_quad.visualization.risk_plots import plot_coordinates, plot_exceedanc
 from drake_quad.visualization.style import save_figures
 
 _NUM_PRINTED = 8  # number of coordinates that are printed
+_MAX_SCIENTIFIC = 0.01  # largest probability that is printed with an exponent instead of as a percentage
 
 
 def options() -> argparse.ArgumentParser:
@@ -121,10 +122,12 @@ def parse_percent(text: str) -> float:
 def print_risk(risk: Risk, name: str, seconds: float) -> None:
     """Print the estimate, and the coordinates of the samples at which the event occurs."""
     probability = risk.probability
+    text = f"{probability.value:.2g} [{probability.low:.1e}, {probability.high:.1e}]"
+    if probability.value > _MAX_SCIENTIFIC:
+        text = probability.percent()
     print(
-        f"{name}: the probability of {risk.event} is {probability.value:.2g} [{probability.low:.1e},"
-        f" {probability.high:.1e}], from {len(risk.runs)} independent runs with {risk.num_flights:,} flights in"
-        f" {seconds:.0f} s"
+        f"{name}: the probability of {risk.event} is {text}, from {len(risk.runs)} independent runs with"
+        f" {risk.num_flights:,} flights in {seconds:.0f} s"
     )
     if not risk.is_precise:
         remark("the interval is wider than requested, because the largest number of flights was reached")

@@ -1,6 +1,7 @@
 """Tests that exported C code computes what the exported controller computes in simulation."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -122,6 +123,25 @@ def test_lqg_in_single_precision_takes_less_than_40_kilobytes(tmp_path):
 
 
 @needs_compiler
+@needs_board
+@pytest.mark.long
+def test_a_network_of_two_layers_of_64_neurons_takes_less_than_100_kilobytes(tmp_path):
+    rng, shapes = np.random.default_rng(8), [(64, 18), (64, 64), (4, 64)]
+    arrays = {f"weights_{k}": rng.normal(scale=0.1, size=shape) for k, shape in enumerate(shapes)}
+    arrays |= {f"biases_{k}": rng.normal(scale=0.1, size=rows) for k, (rows, _) in enumerate(shapes)}
+    np.savez(tmp_path / "network.npz", **arrays, activation_0="tanh", activation_1="relu", activation_2="tanh")
+    signals = ["position_error", "velocity_error", "rotation", "body_rates"]
+    control = {"kind": "policy", "policy": str(tmp_path / "network.npz"), "action": {"kind": "rotor_speeds"}}
+    scenario = load_scenario("hover", {"control": control | {"observation": {"signals": signals}}})
+    expected, found = commands(scenario, tmp_path, num_steps=5)
+    assert (bits(found) == bits(expected)).all()
+    assert np.ptp(found, axis=0).all()
+    export_controller(scenario, tmp_path, precision="single")
+    num_weights = sum(rows * columns + rows for rows, columns in shapes)
+    assert 4 * num_weights < code_size(tmp_path, "cortex-m4f") < 100_000
+
+
+@needs_compiler
 def test_the_rotor_speeds_of_the_mixer_produce_the_wrench(tmp_path):
     scenario = load_scenario("hover")
     export_controller(scenario, tmp_path, mixer=True, name="autopilot")
@@ -189,6 +209,20 @@ def test_a_random_gain_is_refused(tmp_path):
 def test_wrong_options_are_refused(options, message, tmp_path):
     with pytest.raises(InputError, match=message):
         export_controller(load_scenario("hover"), tmp_path, **options)
+
+
+@pytest.mark.parametrize("file", ["controller.h", "controller.c"])
+def test_exported_code_replaces_only_exported_code(file, tmp_path):
+    scenario = load_scenario("hover")
+    exported = tmp_path / file
+    exported.write_text("/* exported code goes here */\nint mine;\n")
+    with pytest.raises(InputError, match=rf"{re.escape(str(exported))} was not exported by drake_quad"):
+        export_controller(scenario, tmp_path)
+    assert [*tmp_path.iterdir()] == [exported]
+    exported.unlink()
+    for seed in (6, 7):
+        changed = scenario.model_copy(update={"seed": seed})
+        assert export_controller(changed, tmp_path).description.scenario_sha256 in exported.read_text()
 
 
 def test_an_attitude_controller_has_no_mixer(tmp_path):
