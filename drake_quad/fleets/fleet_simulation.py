@@ -135,8 +135,8 @@ class CompiledSimulation(FleetSimulation):
         self._wired = build_fleet_diagram(batch, plan, user_systems=self._user_systems)
         self._wired_context = self._wired.CreateDefaultContext()
         ticks = _CHECK_TICKS_OF_SINGLE_VEHICLE if len(batch) == 1 else _CHECK_TICKS_OF_FLEET
-        # The period of the controller is given explicitly, since it is not always the longest period. Flights end and
-        # are recorded at control ticks.
+        # Flights end and are recorded at control ticks. The control period is given explicitly, because other parts of
+        # the diagram may have longer periods.
         tick = batch.scenario.laboratory.command_link.period
         self._diagram = compile_diagram(self._wired, ticks=ticks, tick=tick, record=record)
         self._compiled = compiled_part(self._diagram)
@@ -208,7 +208,7 @@ def fly(
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
-    # A step that ends just before a jump of the forces evaluates them only before the jump.
+    # A step must not contain a jump of the forces, so one step ends just before each jump and another at the jump.
     stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():

@@ -187,7 +187,7 @@ def split_into_windows(
                 windows.append(LogWindow(index, start))
                 start += sizes.length
             else:
-                # The next window can start only after the last unusable sample, or after the last gap.
+                # The next window starts after the last unusable sample, or the last gap, in this window.
                 obstacles = np.flatnonzero(~usable[first : last + 1] | (piece[first : last + 1] != piece[last]))
                 start = first + int(obstacles[-1]) + 1 + sizes.settle
     return windows

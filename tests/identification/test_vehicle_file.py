@@ -370,7 +370,7 @@ def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
     with pytest.raises(InputError, match=r"autopilot\.damping must also be estimated"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
     with pytest.raises(
-        InputError, match=r"autopilot\.damping\[2\] must also be estimated: the extended vehicle has no such parameter"
+        InputError, match=r"autopilot\.damping\[2\] must also be estimated: the base vehicle has no such parameter"
     ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
@@ -445,7 +445,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[2] must also be estimated: the extended vehicle has no such parameter",
+            "motors.curve[2] must also be estimated: the base vehicle has no such parameter",
         ),
     ],
 )

@@ -28,12 +28,12 @@ _MIN_WINDOWS = 50  # smallest number of windows in which two signals are compare
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s, window in which rotations are compared
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
-_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a velocity; it is 0 if the estimator does not run
+_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a usable velocity; an estimator that is off logs zeros
 _MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3  # largest number of faults that are reported
-# A fault is reported if its repair reduces a disagreement by more than this value plus the remaining disagreement.
+# A fault is reported if its repair reduces a disagreement from d to less than (d - `_MIN_IMPROVEMENT`) / 2.
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
@@ -375,7 +375,8 @@ def _tilt(grid: _Grid) -> _Pair:
 def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> _Pair:
     """Return the pair of a command and the signal that follows it, shifted by the delay with the best correlation."""
     width = grid.samples(_ROTATION_WINDOW)
-    # The delay is estimated from all windows, including those with a gap. NumPy sums rows faster than columns.
+    # The delay is estimated from all windows, including those with a gap. The values are transposed, since NumPy sums
+    # rows faster than columns.
     commanded, followed = (
         np.ascontiguousarray(_all_means(grid.signals[each][:, :columns], width).T) for each in (command, signal)
     )
@@ -394,7 +395,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Each comparison with the groups of signals that it needs: at least one signal of each group.
+# Comparisons, each with the groups of signals that it needs: it is possible if one signal of each group is logged.
 _Comparison = Callable[[_Grid], _Pair]
 _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),

@@ -35,7 +35,7 @@ _MIN_COUNT_RATIO = 5.0  # smallest ratio of the number of samples within δ to t
 _MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
 # A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
 _MAX_LIMITED_FRACTION = 0.5
-_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, for an angle of 78°
+_MIN_ALIGNMENT = 0.2  # smallest denominator: the cosine of an angle of 78° between two directions of the thrust
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:

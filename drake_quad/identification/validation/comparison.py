@@ -167,7 +167,7 @@ def compare_with_log(
     plan = plan_route(routed_scenario)
     times = record.time[is_compared] + reference.start
     target = evaluate(plan.extended_path, times).T
-    # A slowly logged reference is compared at the interpolated positions of the path.
+    # Between the samples of a slowly logged reference, the path replaces the logged positions.
     logged_target = target if is_slow(record) else record.of("reference_position")[is_compared]
     logged_error = logged_target - record.of("position")[is_compared]
     predicted = _positions(routed_scenario, plan, times, samples, progress)
