@@ -1,5 +1,4 @@
-"""Body rates, rates of roll, pitch and yaw, and Euler's equation. Equation numbers refer to Kayacan and Maslim
-(2016)."""
+"""Rates of roll, pitch and yaw, and body rates. Equation numbers refer to Kayacan and Maslim (2016)."""
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row, Torque

@@ -372,9 +372,9 @@ def test_header_stamps_are_used_if_they_have_the_clock_of_the_recording(behind, 
 
 
 def content_of(*messages, error=None):
-    """Return the content of a bag whose messages, pairs of a topic and a number, are followed by an error.
+    """Return the content of a bag from its messages, each a pair of a topic and a number.
 
-    A message without a number cannot be decoded.
+    A message without a number cannot be decoded. Reading ends with the given error, if any.
     """
 
     def decoding(number):

@@ -139,7 +139,7 @@ def test_a_vehicle_below_a_quarter_of_a_metre_may_not_have_flown(height, said):
 @pytest.mark.parametrize(
     ("moves", "away", "said"), [(1.0, 1.9, False), (1.0, 2.1, True), (3.0, 2.9, False), (3.0, 3.1, True)]
 )
-def test_a_reference_is_reported_if_it_is_farther_than_two_metres_and_than_the_extent_of_the_flight(moves, away, said):
+def test_a_reference_is_reported_if_its_distance_exceeds_two_metres_and_the_extent_of_the_flight(moves, away, said):
     time, place = path()
     place[:, 0] = np.linspace(0.0, moves, len(time))
     reference = place.copy()

@@ -67,7 +67,7 @@ def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool
         ({"attitude"}, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
         # An accelerometer determines only the product of drag and velocity if no position is measured.
         (IMU, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
-        # Heights determine no rotation.
+        # A log of heights determines no parameter of the rotation.
         ({"position"}, [*ROTOR_PARAMETERS, "linear_drag"]),
     ],
 )
@@ -208,7 +208,7 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
         assert other[name].scale == pytest.approx(2.0 * found[name].scale), name
     for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE):
         assert other[name].scale == pytest.approx(3.0 * found[name].scale)
-        # The centre of mass is between the rotors.
+        # The prior is narrow enough that the centre of mass is very likely between the rotors.
         assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
     # The prior does not depend on an accelerometer.
     without = found_in(full, POSE)

@@ -1,4 +1,5 @@
-"""Parameters that vary between stretches of flight: closed forms, refits, and coverage of intervals."""
+"""Parameters that vary between stretches of flight: tests with known solutions, refits of single stretches, and the
+coverage of intervals."""
 
 import numpy as np
 import pytest

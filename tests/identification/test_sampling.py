@@ -96,7 +96,7 @@ def test_an_attitude_that_lags_the_gyroscope_counts_as_estimated():
     assert kept is record
     assert late
     assert remark.startswith("the attitude lags the body rates by 7 ms")
-    # A late attitude is used if there are no alternative signals.
+    # An attitude that lags is still used if no other signals are logged.
     bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
     assert synchronise([bare]) == ([bare], False, [])
 
@@ -200,7 +200,7 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
     assert [*distorted] == ["inertia[0]", "rotor_time_constant", "rotor_time_constant_down"]
     assert "(rolling)" in distorted["inertia[0]"]
     assert distorted_parameters([smooth, common], parameters, torque) == {}
-    # A disturbing force does not replace a torque, so no commands are missing.
+    # Missing commands cause a disturbing torque. A disturbing force alone does not indicate missing commands.
     assert (
         distorted_parameters([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3]))
         == {}

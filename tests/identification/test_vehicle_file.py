@@ -194,7 +194,8 @@ def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
 
 
 def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
-    """Otherwise, the nominal curve of a base with rotor speeds has the full thrust at full throttle."""
+    """By default, if the motors of the base vehicle take rotor speeds, the nominal curve only has their full thrust at
+    full throttle."""
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
     )
@@ -355,7 +356,8 @@ def test_a_study_draws_from_its_distributions(loop, vehicle):
 
 
 def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
-    """The fields that it requires are added, and those that it includes are removed."""
+    """Fields that the response requires are added to the file. Effects that it includes, such as the reaction torque,
+    are switched off."""
     found = {
         f"autopilot.{name}[{axis}]": (9.0 + axis, 0.2) for name in ("natural_frequency", "damping") for axis in range(3)
     }
@@ -530,7 +532,7 @@ def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, 
     "unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")]
 )
 def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_path, unknown):
-    """A curve is written as a whole, since its coefficients are correlated, unless none of them is identified."""
+    """The curve is an exception: its coefficients are correlated, so all of them are written if one is identified."""
     sheet = load_undesigned(base)
     found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
     curve = {f"motors.curve[{index}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{index}]"] for index in range(3)}

@@ -195,7 +195,7 @@ def test_wrapped_angles_are_the_same_angles() -> None:
 
 
 def test_windows_of_several_logs_are_the_windows_of_each_log() -> None:
-    """A window with its settling time ends at the last sample but one at the latest."""
+    """A window ends before the last sample of a log."""
     sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
     found = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
