@@ -73,7 +73,7 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name; requires `record=True`."""
 
 
 class WiredSimulation(FleetSimulation):
@@ -106,7 +106,7 @@ class WiredSimulation(FleetSimulation):
         return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name; requires `record=True`."""
         return read_recorder(self._diagram.GetSubsystemByName("recorder"), self.simulator.get_context())
 
 
@@ -121,8 +121,8 @@ class CompiledSimulation(FleetSimulation):
 
     def __init__(self, batch: Batch, plan: Plan, *, user_systems: UserSystems, record: bool) -> None:
         self._plan = plan
-        # A system that cannot be compiled is replaced in the wired diagram by a stand-in, because its state exists only
-        # in the compiled diagram.
+        # The state of a system that cannot be compiled exists only in the compiled diagram. In the uncompiled ("wired")
+        # diagram, a stand-in replaces such a system.
         registered = {
             name: system
             for name, system in registered_leaf_systems(batch.scenario, len(batch)).items()
@@ -161,7 +161,7 @@ class CompiledSimulation(FleetSimulation):
         return self._wired, self._wired_context
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name; requires `record=True`."""
         signals = self._compiled.log(self._part_of(self.simulator.get_mutable_context()))
         num_ticks = len(next(iter(signals.values())))
         return self._compiled.tick * np.arange(num_ticks), signals

@@ -245,8 +245,8 @@ class _Point(NamedTuple):
         gains: gains of the filter.
         errors: (W, k) whitened errors.
         jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
-        states: (rows, W) state of each window at the sample where the next window starts.
-        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
+        states: (components, W) state of each window at the sample where the next window starts.
+        state_jacobian: (components, p, W) derivatives of the states with respect to the parameters.
         likelihood: log-likelihood of the measurements.
     """
 
@@ -387,8 +387,8 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
     """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
 
     Args:
-        values: (a, b, 1 + p + 1) values at a point, then with each parameter increased in turn, then with the delay
-            reduced.
+        values: (a, b, 1 + p + 1) values of a function of the parameters, whose result is an (a, b) array: at a point,
+            then with each parameter increased in turn, then with the delay reduced.
         increases: (p,) increases of the parameters.
         delay_index: index of the delay among the parameters; None if the delay is fixed.
     """

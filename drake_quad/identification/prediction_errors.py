@@ -238,7 +238,7 @@ class Predictor:
         return state
 
     def _begin(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
-        """Return the model flight at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
+        """Return the model flight at the first measurement for (K, p) parameters, and its state (components, K, W)."""
         flight = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
         state, jacobian, reference, _, _ = self.initial
         return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", jacobian, parameters - reference)
@@ -390,7 +390,7 @@ class Predictor:
         return states
 
     def _measured(self, state: np.ndarray) -> np.ndarray:
-        """Return the measured states (12, K, W) for states (rows, K, W) of the filter."""
+        """Return the measured states (12, K, W) for states (components, K, W) of the filter."""
         body = state[:NUM_BODY]
         return self.model.measured_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 

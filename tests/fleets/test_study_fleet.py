@@ -75,7 +75,7 @@ ESTIMATORS = [
         *((overrides, None) for overrides in ESTIMATORS),
     ],
 )
-def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, overrides, controller):
+def test_the_second_batch_of_a_fleet_flies_like_a_new_fleet(scenario, overrides, controller):
     """The scenarios contain every kind of system, and vary every parameter that may differ between samples.
 
     Results of uncompiled diagrams are equal to the last bit. After a reset of a compiled diagram, other code computes
@@ -99,7 +99,7 @@ def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, ov
 
 
 @pytest.mark.long
-def test_vehicles_with_overridden_parameters_have_the_flights_of_a_new_fleet(scenario):
+def test_vehicles_with_overridden_parameters_fly_like_a_new_fleet(scenario):
     """The overridden parameters are gains, an element of a list, and an integer number of ticks."""
     study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
     varying = {

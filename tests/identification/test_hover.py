@@ -9,7 +9,7 @@ from drake_quad.identification.logs.record import FlightRecord
 
 RNG = np.random.default_rng(8)
 TIME = np.arange(3000) * 0.01
-WEIGHT = 0.3
+WEIGHT = 0.3  # N
 IS_FLYING = (TIME > 8.0) & (TIME < 25.0)
 
 

@@ -1,4 +1,4 @@
-"""Vehicles are identified from their simulated flights, and published ones from real flights."""
+"""Tests that vehicles are identified from simulated flights, and published vehicles from real flights."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -142,7 +142,7 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
+def test_a_log_of_hover_gives_no_thrust_curve(root: Path) -> None:
     """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
     record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")

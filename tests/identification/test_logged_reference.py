@@ -14,7 +14,7 @@ from drake_quad.identification.validation.reference import logged_reference
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 
-POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.4, 1.2], [0.3, -0.5, 0.9], [0.0, 0.0, 1.0]])
+POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.4, 1.2], [0.3, -0.5, 0.9], [0.0, 0.0, 1.0]])  # waypoints (m)
 PATH = minimum_snap(POINTS, np.array([0.0, 1.3, 2.9, 4.4]))
 
 
@@ -189,7 +189,7 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
     found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # The path has the smallest number of knots with a spacing of at most the given one.
+    # The path has as few knots as the given largest spacing allows.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):

@@ -364,6 +364,7 @@ def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
 
 
+# Position (m) and velocity (m/s) in NED, four flags of valid components, and the flag of dead reckoning.
 VALID_POSITION_ROW = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
 
 

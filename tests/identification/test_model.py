@@ -31,7 +31,7 @@ from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 PERIOD = 0.01  # s, sampling period
 # Position (m), roll, pitch and yaw (rad), velocity (m/s), and body rates (rad/s).
 STATE = State(1.0, -2.0, 3.0, 0.4, -0.5, 1.2, 0.6, -0.3, 0.2, 1.1, -0.7, 0.4)
-SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)
+SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)  # rad/s
 # Force (m/s²) along x, y, z, torque (rad/s²) about x, y, z, and constant force (m/s²) along x, y.
 DISTURBANCE = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
 NO_DISTURBANCE = Disturbance(*(0.0,) * NUM_DISTURBANCE)

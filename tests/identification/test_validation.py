@@ -23,7 +23,7 @@ ROUTE = (
     " top_speed: null, top_acceleration: null}"
 )
 RANDOM_MASS = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
-REST_DURATION = 2.0
+REST_DURATION = 2.0  # s, hover before the log
 
 
 @pytest.fixture(scope="module")

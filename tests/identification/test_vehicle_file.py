@@ -43,7 +43,7 @@ NEGATIVE_DRAG = "body_drag.linear[1]"
 
 
 def correlated(count):
-    """Return random correlations; the thrust curve has strong ones, as after a fit around hover."""
+    """Return random correlations. Those of the thrust curve are strong, as after a fit around hover."""
     shape = np.random.default_rng(4).normal(size=(count, count + 8))
     shape[5] = 0.05 * shape[5] - shape[6]
     covariance = shape @ shape.T

@@ -183,7 +183,7 @@ def _log_unexplained(pieces: Sequence[Piece]) -> float:
 
 
 def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
-    """Return whether X and Y may have the same law, since the interval of each gain difference contains zero."""
+    """Return whether X and Y may have the same law: the interval of each gain difference contains zero."""
     x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
         difference = abs(x[name].value - y[name].value)

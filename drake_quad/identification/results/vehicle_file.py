@@ -320,7 +320,7 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
 
 
 def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
-    """Return the items of a list, with moments of inertia adjusted to the nearest rigid body if needed."""
+    """Return the items of a list, with moments of inertia adjusted to those of a rigid body if needed."""
     is_numeric = all(isinstance(item.value, float) or "normal" in item.value for item in items)
     if path != "inertia" or not is_numeric:
         return items

@@ -87,7 +87,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. They do not if there are no distributions, wind and noise."""
+        """True if the predicted flights differ, which requires distributions, wind or noise in the scenario."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
