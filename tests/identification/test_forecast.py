@@ -23,7 +23,7 @@ class Gains(SimpleNamespace):
 
 @pytest.fixture
 def predictor():
-    """Return a predictor in windows of constant acceleration, and its data.
+    """Return a stub of a predictor in windows of constant acceleration, with its last call and its data.
 
     The model misses a known fraction of the acceleration after the filter has settled.
     """

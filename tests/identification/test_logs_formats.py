@@ -78,7 +78,7 @@ ARDUPILOT = dataflash_log(
 )
 
 
-def test_an_ardupilot_log_is_converted_to_record_frames_and_rotor_order(read):
+def test_an_ardupilot_log_is_converted_to_the_frames_and_rotor_order_of_this_library(read):
     """Half a turn about x converts NED to NWU.
 
     ArduPilot's rotors 1 to 4 are front right, back left, front left, back right.

@@ -187,7 +187,7 @@ def test_the_periods_of_logs_may_differ_by_at_most_a_tenth() -> None:
             common_period(logs(0.01, 0.01, odd))
 
 
-def test_wrapped_angles_are_the_same_angles() -> None:
+def test_wrapping_changes_an_angle_by_a_multiple_of_a_full_turn() -> None:
     angles = np.linspace(-20.0, 20.0, 999)
     found = wrapped_angles(angles)
     assert np.abs(found).max() <= np.pi
