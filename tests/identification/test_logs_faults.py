@@ -21,7 +21,7 @@ def known() -> dict[str, Fault]:
     return {fault.text: fault for fault in found}
 
 
-def test_a_wrong_sign_names_its_axes(known: dict[str, Fault]) -> None:
+def test_the_description_of_a_wrong_sign_names_the_axes(known: dict[str, Fault]) -> None:
     for name, axes in AXES.items():
         signs = [fault for fault in known.values() if fault.text.startswith(f"the sign of {name} looks wrong")]
         assert len(signs) == 7

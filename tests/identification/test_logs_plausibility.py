@@ -110,7 +110,7 @@ def test_steps_up_to_eight_times_the_usual_ones_count_as_noise(ratio, said):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_too_few_positions_show_no_jump(count):
-    """A jump needs a step on each side."""
+    """A jump is a step that differs from the steps before and after it, which requires four positions."""
     time, place = path(count=count)
     place[2:, 0] += 9.0
     assert not list(position_jumps(time, place))
@@ -167,7 +167,7 @@ def test_times_beyond_1e12_seconds_are_left_out():
 
 @pytest.mark.parametrize("name", ["imu", ""])
 def test_a_faulty_clock_is_reported_once_with_its_table(name):
-    """Commands have the time of writing, and measurements the time of sampling."""
+    """The time of a command is that of writing, and the time of a measurement is that of its sampling."""
     written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
     table = Table(name, written, {}, sampled)
     clocks = _Clocks()

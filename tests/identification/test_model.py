@@ -60,7 +60,8 @@ def in_world():
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, kind):
-    """An acceleration a displaces the vehicle by a h²/2, along the axes of W or of the body at the start."""
+    """In a step of duration h, an acceleration a displaces the vehicle by a h²/2, along axes of W or initial axes of
+    the body."""
     h = 0.02
     quiet, pushed = (
         np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind)[0])

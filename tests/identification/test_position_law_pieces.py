@@ -59,7 +59,7 @@ def smoothed(values):
     return values
 
 
-def all_of_five(mask):
+def counts_with_neighbours(mask):
     """Return a mask of the samples that count together with their two neighbours on each side."""
     found = mask.copy()
     for distance in (1, 2):
@@ -245,7 +245,7 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
-    np.testing.assert_array_equal(piece.counted[:500], all_of_five(usable))
+    np.testing.assert_array_equal(piece.counted[:500], counts_with_neighbours(usable))
 
 
 def test_logs_without_motion_are_refused(vehicle):

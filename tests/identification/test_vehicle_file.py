@@ -221,7 +221,7 @@ def test_a_vehicle_that_takes_rotor_speeds_gets_throttle_motors(root, tmp_path):
     assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * 0.32
 
 
-def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
+def test_a_thrust_curve_is_written_with_its_voltage(base, tmp_path):
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
     )

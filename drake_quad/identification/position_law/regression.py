@@ -114,7 +114,7 @@ def search_fit(
     starts: Sequence[Shape],
     free: tuple[str, ...],
 ) -> Fit:
-    """Fit a law by the Nelder-Mead method, from the best of some starts.
+    """Fit a law by the Nelder-Mead method, from the best of the given starts.
 
     Args:
         pieces: stretches of flight.
