@@ -17,7 +17,7 @@ from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import gaps
 
-# Specific force along any axis above which a sample counts as a collision, m/s².
+# A sample with a larger specific force along any axis, in m/s², counts as a collision.
 _COLLISION_FORCE = 2.0 * 9.81
 # Time before and after unusable samples that is excluded, s, since the vehicle may be crashing or in ground effect.
 _EXCLUDED_TIME = 1.0

@@ -335,7 +335,8 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
     ],
 )
 def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
-    """A record has the order front right, back right, back left, front left: PX4's rotors 1, 4, 2 and 3."""
+    """A record lists the motors in the order front right, back right, back left, front left: PX4's motors 1, 4, 2 and
+    3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
     assert said(record, words)

@@ -156,7 +156,7 @@ def test_the_comment_on_a_variation_between_flights_refers_to_another_flight(bas
     assert "in another 8.2 s" not in text
 
 
-def test_an_unknown_variation_is_not_claimed_in_the_comment(base, tmp_path):
+def test_an_unknown_variation_is_not_mentioned_in_the_comment(base, tmp_path):
     found = {name: CRAZYFLIE_ESTIMATES[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
     assert "uncertainty of a parameter. Fields" in text
