@@ -50,7 +50,7 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
         f"reductions of {_range_text(reductions.values())} over winds and widths; at most {best.percent()} with another"
         " λ, which is a fitted number",
         verdict_from_conditions([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
-        "holds if all reductions are above 50 %; in part if some are, or with another λ",
+        "holds if all reductions are above 50 %; in part if some are, at least with another λ",
         printed=f"Table II: {_span_text(_published_reductions(reductions, 'pd'), 100.0, '.0f')} %",
         details=f"{_listed_text(reductions)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
@@ -164,10 +164,10 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
         f" the quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the"
         " 1 s before",
         verdict_from_conditions([(-fade).is_above(-0.5), back.is_above(1.0)]),
-        "holds if the first ratio is below 50 % and the second above 100 %; in part if one of these is true",
+        "holds if the first percentage is below 50 % and the second above 100 %; in part if one of these is true",
         printed="Figs 12 and 13, one run",
-        details=f"ratio of the last quarter: {_listed_text(fades)}; ratio after a change of segment:"
-        f" {_listed_text(returns)}",
+        details=f"RMS in the last quarter relative to the quarter after the rise: {_listed_text(fades)}; RMS after a"
+        f" change of segment relative to the RMS before it: {_listed_text(returns)}",
     )
 
 
@@ -231,12 +231,12 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
     ]
     return Claim(
         "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
-        f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the former have"
-        f" a {error_increase.percent()} larger error on curves, and with the latter the command varies"
-        f" {variation_ratio.ratio()} times as much on straight lines",
+        f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the"
+        f" gains for straight lines have a {error_increase.percent()} larger error on curves than the gains for curves,"
+        f" and with the gains for curves the command varies {variation_ratio.ratio()} times as much on straight lines",
         verdict_from_conditions([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
-        "holds if the former have a larger error on curves and the command varies more with the latter; in part if one"
-        " of these is true",
+        "holds if the gains for straight lines have a larger error on curves, and the command varies more with the"
+        " gains for curves; in part if one of these is true",
         printed="a statement without numbers",
     )
 
@@ -253,12 +253,13 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
         f" {network.percent()} with PD+T2FNN; the median error is {typical[0].ratio()} times the best one with the PD,"
         f" and {typical[1].ratio()} times with PD+T2FNN; the best errors are {best[0].metres()} and {best[1].metres()}",
         verdict_from_conditions([more.is_above(0.0), network.is_above(0.5)]),
-        "holds if the network increases the share and the share is above 50 %; in part if one of these is true",
+        "holds if more gains are within 20 % of the best with the network than with the PD, and more than 50 % of the"
+        " gains are; in part if one of these is true",
         printed="a statement without numbers",
-        details=f"{_grid_text(experiment.maps['pd'])}; a sample crashes with"
+        details=f"{_grid_text(experiment.maps['pd'])}; at least one sample crashes with"
         f" {_num_settings_with_crash(experiment.maps['pd'])} of these gains for the PD, and with"
-        f" {_num_settings_with_crash(experiment.maps['pd_t2fnn'])} for PD+T2FNN; the network increases the share by"
-        f" {more.percent()} of the gains",
+        f" {_num_settings_with_crash(experiment.maps['pd_t2fnn'])} for PD+T2FNN; with the network,"
+        f" {more.percent()} more of the gains are within 20 % of the best",
         figure="gains",
     )
 
