@@ -1,4 +1,4 @@
-"""Claims about the evaluated controllers, with verdicts that follow from the intervals of paired comparisons."""
+"""Claims about the evaluated controllers, with verdicts that follow from the confidence intervals of paired comparisons."""
 
 import itertools
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from drake_quad.studies.statistics import Comparison, compare, values_without_cr
 
 
 class _ControllerNames(dict[str, str]):
-    """Names of controllers in the report, by their names in files. A user's controller has the same name in both."""
+    """Name of each controller in the report, by its name in files. A user's controller has the same name in both."""
 
     def __missing__(self, name: str) -> str:
         return name
@@ -97,7 +97,7 @@ def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | No
 
 
 def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> str:
-    """Return a text on how a network changes the tolerated delay in each family; empty if there are no flights."""
+    """Return a text on how a network changes the tolerated delay in each family of laboratories; empty if there are no flights."""
     both = {name: traits for name, traits in evaluation.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_text(traits[base].delay_flown)} to {delay_text(traits[network].delay_flown)} ({name})"
@@ -138,7 +138,7 @@ def _is_error_smaller(compared: Comparison) -> bool | None:
 
 
 def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
-    """Judge the claim that a network over the position learns a map that reduces the error in later laps.
+    """Judge the claim that a network with the position as input reduces the error from lap to lap.
 
     Args:
         evaluation: flights and traits of all controllers.
@@ -177,7 +177,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 
 
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
-    """Judge the claim that a smaller stability margin reduces the error; None if no such designs were flown."""
+    """Judge the claim that a smaller stability margin reduces the error; None if no controller was flown with several margins."""
     parts, conditions = [], []
     for controller in PRICED_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)

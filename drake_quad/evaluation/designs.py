@@ -1,4 +1,4 @@
-"""Files of designed controllers, one for each family of laboratories. Scenarios use them by `extends: FILE:NAME`."""
+"""Files of designed controllers, one for each family of laboratories (test scenarios). Scenarios use them by `extends: FILE:NAME`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -62,7 +62,7 @@ def _yaml() -> Any:
 
 
 def _in_flow_style(value: Any) -> Any:
-    """Return a copy of a tree for YAML, with lists, and flat mappings without a `kind`, in one-line style."""
+    """Return a copy of a tree in which lists, and flat mappings without a `kind`, are written to YAML on one line."""
     if isinstance(value, list):
         sequence = CommentedSeq(value)
         sequence.fa.set_flow_style()

@@ -246,7 +246,7 @@ def fly_controller(
 def fly_laps(
     diagrams: Path, name: str, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
 ) -> Iterator[Result]:
-    """Fly networks over the position, and their base controllers, with increasing numbers of laps.
+    """Fly networks with the position as input, and their base controllers, with increasing numbers of laps.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -355,7 +355,7 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 class CertifiedScales(NamedTuple):
-    """Scales of a certificate, the last fields of `Traits`."""
+    """Result of the robustness certificate: scales of the parameter ranges, and why there is no certificate."""
 
     stable_scale: float
     unstable_scale: float
@@ -366,7 +366,7 @@ NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out i
 
 
 def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:
-    """Return the scales between which hover becomes unstable, or the reason why there is no certificate.
+    """Return the scales of the parameter ranges between which hover becomes unstable, or why there is no certificate.
 
     Certificates are cached on the disk, since each takes 20 to 80 s.
 

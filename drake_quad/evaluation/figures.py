@@ -203,7 +203,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 
 def laps_figure(evaluation: Evaluation, controllers: Sequence[str]) -> Figure:
-    """Plot the error in each lap, with and without a network over the position."""
+    """Plot the error in each lap, with and without a network that has the position as input."""
     with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):

@@ -46,7 +46,7 @@ _MEAN_COLUMNS = {
 }
 
 
-# Fields of `Claim` by the headings of their columns, in the file answers.csv and then in the report.
+# Fields of `Claim` by the headings of their columns in the file answers.csv, and below in the report.
 _FILE_COLUMNS = {"statement": "statement", "verdict": "verdict", "evidence": "evidence", "rule": "rule"}
 _REPORT_COLUMNS = {"claim": "statement", "evidence": "evidence"}
 
@@ -98,7 +98,7 @@ def report_markdown(evaluation: Evaluation, claims: Sequence[Claim], figures: Se
 
 
 def write_summary(path: Path, evaluation: Evaluation) -> Path:
-    """Write a row for each controller in each laboratory, and return the path."""
+    """Write a CSV file with a row for each controller in each laboratory, and return its path."""
     rows: list[dict[str, Any]] = [
         {
             "family": family,
@@ -209,7 +209,7 @@ def _trait_texts(each: Traits) -> tuple[str, ...]:
 
 
 def _certificate_text(each: Traits) -> str:
-    """Return the certified scale and the smallest scale of an unstable loop, if one was found."""
+    """Return, as text, the certified scale and the smallest scale at which an unstable loop was found, if any."""
     if not np.isfinite(each.stable_scale):
         return "not certified"
     unstable = f" (unstable at {each.unstable_scale:.2f})" if np.isfinite(each.unstable_scale) else ""

@@ -30,7 +30,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
-# Port of the rotor commands that each kind of allocation computes.
+# Output ports with rotor commands. Each kind of control allocation has one of them.
 _ROTOR_COMMANDS = ("rotor_speed_command", "throttle_command")
 
 
@@ -58,7 +58,7 @@ def export_controller(
 ) -> Export:
     """Write the controller of a scenario as C99, and return what was written.
 
-    The code contains everything between the inputs `measurement` and `reference` and the command over the link:
+    The code contains everything between the inputs `measurement` and `reference` and the command to the vehicle:
     `wrench` or `attitude_target`. It needs no library but `math.h`, no memory allocation and no global variables.
 
     The folder contains the header NAME.h and the source NAME.c, the description `export.json` with which

@@ -1,4 +1,4 @@
-"""C structs for records."""
+"""C structs for the records (named tuples) that formulas use."""
 
 import inspect
 import re

@@ -7,8 +7,8 @@ constant as exp(-t/τ). A linear fractional model
 
 has the structure that bounds of the structured singular value need. For each parameter, L, R and the diagonal block of
 N are a realisation of a polynomial of second degree (B. Ho and R. Kalman, 1966). The other blocks of N contain the
-products of parameters. Powers and singular values that are left out are an error of the model. It is represented by an
-unknown matrix with the largest error of the exact loops, as if it were another uncertain block.
+products of parameters. The model omits higher powers and small singular values. This error is represented by an unknown
+matrix that is as large as the largest error at the exact loops, as if it were another uncertain block.
 """
 
 from itertools import combinations, pairwise, product
@@ -21,7 +21,7 @@ from drake_quad.linear.structured_singular_value import Block, PeakBound, peak_m
 
 _RANK_TOLERANCE = 3e-4  # smallest singular value of a realisation, relative to the largest one of all parameters
 _RIDGE = 1e-3  # regularisation of mixed terms, relative
-_ERROR_TOLERANCE = 1e-2  # smallest singular value of all errors that is modelled, relative to the largest one
+_ERROR_TOLERANCE = 1e-2  # relative to the largest singular value of the errors; smaller ones are not modelled
 _MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
 _ERROR_FACTOR = 1.5  # allowance for larger errors between the points
 _MAX_CORNERS = 64  # largest number of corners of the box in a fit
@@ -127,7 +127,7 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
     centre, changes = loops[0], loops - loops[0]
     num_axes = len(STEPS) * k
     axes = changes[1 : 1 + num_axes].reshape(k, len(STEPS), n * n)
-    # Least squares with two powers leave the higher powers to the error.
+    # The fit has a linear and a quadratic term. Terms of higher order are part of the model error.
     vandermonde = np.array([[step, step * step] for step in STEPS])
     series = (np.linalg.pinv(vandermonde) @ axes).reshape(k, 2, n, n)
     decompositions = [np.linalg.svd(np.block([[c[0], c[1]], [c[1], np.zeros((n, n))]])) for c in series]

@@ -30,7 +30,7 @@ from drake_quad.process_settings import single_threaded_blas
 _MAX_CENTERS = 60  # largest number of centers; the bound changes by less than the tolerance long before
 _MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
 _CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
-_CENTER_WEIGHT = 0.05  # fraction of the previous β² that keeps a center strictly feasible for the next one
+_CENTER_WEIGHT = 0.05  # weight of the previous β² in the next one, so that the center remains strictly feasible
 _MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
 _CIRCLE_TOLERANCE = (
     1e-3  # eigenvalues at most this far from the unit circle are taken as frequencies; extra ones do no harm
@@ -324,7 +324,7 @@ def peak_mu_bound(
     found: list[MuBound] = []
 
     def prove(omega: float) -> None:
-        """Compute scalings at a frequency, and remove all frequencies that they cover from the gaps."""
+        """Compute the bound at a frequency, and remove the frequencies where its scalings prove the level from the gaps."""
         nonlocal level, gaps, peak
         response = C @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(A)) - A, B) + D
         bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack, starts=found)
@@ -333,7 +333,7 @@ def peak_mu_bound(
         gaps = _without(gaps, _covered(A, B, C, D, bound, level))
 
     with single_threaded_blas():
-        # The largest bounds are near poles, and are computed first, since they also cover smaller ones.
+        # The largest bounds, which occur near poles, are computed first. Their level then also holds at many others.
         poles = np.linalg.eigvals(A)
         first = np.append(np.abs(np.angle(poles[np.abs(poles) > 0.2])), [0.0, math.pi])
         sizes = [np.linalg.norm(np.linalg.solve(np.exp(1j * w) * np.eye(len(A)) - A, B), 2) for w in first]
@@ -348,7 +348,7 @@ def peak_mu_bound(
             before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
             prove(0.5 * (low + high))
             if gaps == before:
-                # The intervals of real blocks can be as short as rounding errors, and are longer for a larger bound.
+                # With real blocks, the covered intervals can be as short as rounding errors. A larger level makes them longer.
                 level *= 1.0 + 0.25 * tolerance
     raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
 

@@ -79,7 +79,7 @@ def find_trim(
         wind: velocity of the air in W, m/s.
         position: position in W, m.
         yaw: yaw, rad.
-        kinematics: kinematics of the `Quadrotor`. The trim is the same for both, since the vehicle does not rotate.
+        kinematics: kinematics of the `Quadrotor`. The trim is the same for all kinematics, since the vehicle does not rotate.
         effects: effects on the vehicle.
 
     Raises:
