@@ -53,7 +53,7 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
     - names: flights connect ports by name. Unless the system is a `FleetSystem`, which checks names itself, this
-      function rejects port names that look like a misspelt signal, and input ports of a controller that are no signal.
+      function rejects port names that look like a misspelt signal, and input ports of a controller that are no signals.
     - ports: each port of a fleet has as many rows as the same port of a single vehicle, and a column for each vehicle.
     - context: outputs depend only on the context, not on earlier computations.
     - vehicles: the outputs of a vehicle in a fleet equal its outputs when it is simulated alone.

@@ -1,4 +1,4 @@
-"""Claims about the evaluated controllers, with verdicts that follow from the confidence intervals of paired comparisons."""
+"""Claims about the evaluated controllers, with verdicts from the confidence intervals of paired comparisons."""
 
 import itertools
 from collections.abc import Mapping
@@ -97,7 +97,7 @@ def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | No
 
 
 def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> str:
-    """Return a text on how a network changes the tolerated delay in each family of laboratories; empty if there are no flights."""
+    """Return a text on how a network changes the tolerated delay in each family of laboratories, if there are flights."""
     both = {name: traits for name, traits in evaluation.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_text(traits[base].delay_flown)} to {delay_text(traits[network].delay_flown)} ({name})"
@@ -177,7 +177,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 
 
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
-    """Judge the claim that a smaller stability margin reduces the error; None if no controller was flown with several margins."""
+    """Judge the claim that a smaller stability margin reduces the error; None without designs with several margins."""
     parts, conditions = [], []
     for controller in PRICED_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)

@@ -1,4 +1,7 @@
-"""Files of designed controllers, one for each family of laboratories (test scenarios). Scenarios use them by `extends: FILE:NAME`."""
+"""Files of designed controllers, one for each family of laboratories (test scenarios).
+
+Scenarios use them by `extends: FILE:NAME`.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path

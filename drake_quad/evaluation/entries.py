@@ -65,7 +65,7 @@ NETWORKS = {
     "t2fnn_adaptive": "type 2, adaptive sets",
     "t2fnn_map": "type 2 over the position",
 }
-# Controllers to which a type-2 network is added. The PD controller, to which all kinds of networks are added, is not listed.
+# Controllers to which a type-2 network is added, except the PD controller, to which all kinds of networks are added.
 NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 # Controllers to which a network with the position as input is added.
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
@@ -195,7 +195,7 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# Inputs of the networks: the tracking errors, as in the paper, or the position. The fuzzy sets that cover the figure eight are from
+# Inputs of the networks: the tracking errors, as in the paper, or the position. The fuzzy sets over the figure eight are from
 # docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}

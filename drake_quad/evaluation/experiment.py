@@ -1,4 +1,4 @@
-"""Flights of the evaluation, in which designed controllers fly samples that were not used for tuning."""
+"""Flights of the evaluation, in which designed controllers fly random samples that were not used for tuning."""
 
 import itertools
 import math
@@ -62,7 +62,7 @@ class EvaluationSizes(NamedTuple):
     """Sizes of the evaluation.
 
     Attributes:
-        samples: number of samples of each controller in each laboratory.
+        samples: number of random samples that each controller flies in each laboratory.
         uncompiled: number of samples of a controller that cannot be compiled.
         laps: number of samples for each number of laps.
         max_laps: largest number of laps.

@@ -190,6 +190,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
         return figure
 
 
+# Field of `Traits`, unit and axis label of each stability measure.
 _MEASURES: Any = (
     ("sensitivity", 1.0, "peak sensitivity"),
     ("delay_flown", 1e-3, "tolerated additional delay (ms)"),

@@ -49,7 +49,7 @@ class FormulaFunctions:
 
     Args:
         structs: structs of the header, to which the types of arguments and results are added.
-        functions: static functions of the C file, to which those that the formulas call are added, such as network layers.
+        functions: static functions of the C file, to which those that formulas call are added, such as network layers.
         reserved: names that no function may have, because they are variables of the function that calls them.
 
     Attributes:
@@ -140,7 +140,7 @@ class FormulaFunctions:
         return FormulaFunction(name, tuple(kept), body.num_operations)
 
     def _name(self, formula: Any, label: str) -> str:
-        """Return the name of the C function of a formula: the name of the Python function, unless it is already used."""
+        """Return the name of the C function of a formula: the name of the Python function, unless it is used."""
         name = identifier(getattr(_unwrapped(formula), "__name__", "lambda").strip("_<>"))
         taken = {function.name for function in self._by_signature.values()}
         return f"compute_{label}" if name in self._reserved | taken else name

@@ -3,8 +3,8 @@
 The statements call the functions of formulas in the order in which Drake would evaluate the diagram: first all outputs
 that are required at this instant, then all updates of the state, which read only values from before the updates.
 
-A row is one component of a port, parameter or state, as everywhere in drake_quad. A block describes the computations of a
-system for compilation.
+A row is one component of a port, parameter or state, as everywhere in drake_quad. A block describes the computations of
+a system for compilation.
 """
 
 import math
@@ -82,7 +82,7 @@ class _Row(NamedTuple):
 
 
 class _BlockView(NamedTuple):
-    """Access to inputs, parameters and state for one of Drake's own systems, like `drake_quad.compilation.trace.BlockView`.
+    """Inputs, parameters and state of one of Drake's own systems, like `drake_quad.compilation.trace.BlockView`.
 
     Attributes:
         step: statements of the function.
@@ -246,7 +246,7 @@ class Step:
         return self._sources(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
 
     def _require(self, port: Port, divisor: int) -> None:
-        """Note that an output port, and all ports on which it depends, must be computed at least every `divisor` steps."""
+        """Note that an output port, and all ports on which it depends, must be computed every `divisor` steps."""
         common = math.gcd(self._divisors.get(port, divisor), divisor)
         if self._divisors.get(port) != common:
             self._divisors[port] = common
@@ -283,7 +283,7 @@ class Step:
         return self._rows(source)
 
     def _struct_rows(self, expression: str, layout: Layout) -> list[str]:
-        """Return the expressions of all numbers in a struct, and store the types of the struct and its nested structs."""
+        """Return the expressions of all numbers in a struct, and store the types of this and all nested structs."""
         self._remember(expression, layout)
         return [expression + accessor for accessor in accessors(layout)]
 
@@ -310,7 +310,7 @@ class Step:
         return self._struct_rows(f"controller->{_member(path, _HELD_VALUE)}", layout)
 
     def _rows_of_block(self, port: Port) -> list[str]:
-        """Return the expressions of an output port of one of Drake's own systems; computed values are stored in a variable."""
+        """Return the expressions of an output port of one of Drake's own systems; computed values get a variable."""
         rows = self._blocks[port.path].output(port.number, _BlockView(self, port.path))  # type: ignore[arg-type]
         texts, num_operations = [row.text for row in rows], sum(row.num_operations for row in rows)
         if not num_operations:
@@ -462,7 +462,7 @@ def _block(path: str, system: Any) -> Block:
         if update.period is None:
             raise InputError(f"{path} cannot be exported: it computes its initial state from inputs")
         if update.unrestricted or not update.at_start:
-            raise InputError(f"{path} cannot be exported: it has updates that must precede other updates at the same time")
+            raise InputError(f"{path} cannot be exported: it has updates that must precede others at the same time")
     return block
 
 

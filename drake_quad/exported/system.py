@@ -56,7 +56,7 @@ class ExportedController(LeafSystem):
 
     def _declare_output(self, name: str, rows: slice) -> None:
         def calc(context: Context, output: BasicVector) -> None:
-            # Between two steps that write outputs, the outputs are those of the present state.
+            # The code writes outputs only in some steps. In the others, they are computed here from the present state.
             _, outputs = self._stepped(context, whole_divisor=True)
             output.SetFromVector(outputs[rows].ravel())
 

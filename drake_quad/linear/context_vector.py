@@ -67,7 +67,7 @@ class ContextVector:
             first = end
 
     def vehicle_rows(self, num_vehicles: int) -> np.ndarray:
-        """Return the indices (n, N) of the elements that belong to each vehicle, for the diagram of a fleet of N vehicles."""
+        """Return the indices (n, N) of the elements of each vehicle, for the diagram of a fleet of N vehicles."""
         rows, first = [], 0
         for group in self._groups:
             size = len(group.names)
@@ -118,7 +118,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
 def _names(
     path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
 ) -> tuple[str, ...]:
-    """Return the names of a vector's elements, which end with a component name in a FleetSystem, and else with an index."""
+    """Return the names of a vector's elements, which end with a component name (FleetSystem) or an index."""
     if isinstance(system, FleetSystem):
         (part,) = [part for part in getattr(system, kind).values() if part.index == number]
         rows = [".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names]

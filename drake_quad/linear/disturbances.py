@@ -138,7 +138,7 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     for time, point in zip(times, position.T, strict=True):
         if depends_on_position:
             diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_components], N))
-        # The pending events include the noise samples of this instant.
+        # AdvanceTo does not execute the events at its end time, which draw the noise samples of this instant.
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
         samples.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))

@@ -174,7 +174,7 @@ def _signals(scenario: Scenario) -> list[str]:
 
 
 def _open_loop(closed: SampledSystem, row: int) -> SampledSystem | None:
-    """Return L = -C (zI - A + B C)⁻¹ B of a signal, given S = 1 + C (zI - A)⁻¹ B; None if the signal is not fed back."""
+    """Return L = -C (zI - A + B C)⁻¹ B of a signal, given S = 1 + C (zI - A)⁻¹ B; None if it is not fed back."""
     sensitivity = closed.between([f"injection.{row}"], [f"injected.{row}"]).connected()
     if (
         not len(sensitivity.A)

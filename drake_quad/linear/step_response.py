@@ -33,7 +33,7 @@ def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, dur
 
     Args:
         loop: loop from `closed_loop`.
-        displacement: initial displacement of components of the vehicle's `state`, such as `x` or `yaw`, in SI units. The
+        displacement: initial displacement by component of the vehicle's `state`, such as `x` or `yaw`, in SI units. The
             cameras measure it in their first frame.
         duration: duration of the response, s.
 

@@ -324,7 +324,7 @@ def peak_mu_bound(
     found: list[MuBound] = []
 
     def prove(omega: float) -> None:
-        """Compute the bound at a frequency, and remove the frequencies where its scalings prove the level from the gaps."""
+        """Compute the bound at a frequency, and remove from `gaps` the frequencies where it proves the level."""
         nonlocal level, gaps, peak
         response = C @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(A)) - A, B) + D
         bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack, starts=found)
@@ -348,7 +348,7 @@ def peak_mu_bound(
             before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
             prove(0.5 * (low + high))
             if gaps == before:
-                # With real blocks, the covered intervals can be as short as rounding errors. A larger level makes them longer.
+                # Intervals in which real blocks are covered can be very short. A larger level makes them longer.
                 level *= 1.0 + 0.25 * tolerance
     raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
 

@@ -548,11 +548,11 @@ def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nom
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], stop: true, jerk: [0, 0, 0]}, [0, 0, 1]]}",
-            r"2: route.waypoints.0 is .*must not have stop together with a velocity",
+            r"2: route.waypoints.0 is .*must not have `stop` together with a velocity",
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading is 'constant' by default, but must be waypoints, since yaws are given at waypoints",
+            "2: route.heading is 'constant' by default, but must be `waypoints`, since yaws are given at waypoints",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",

@@ -796,7 +796,7 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
         ),
         (
             [helper.make_node("GRU", ["seen", "W", "W"], ["", "done"], hidden_size=3)],
-            "without linear_before_reset",
+            "has an unsupported GRU",
         ),
     ],
 )

@@ -1,1 +1,1 @@
-"""Complete software projects that contain exported code: for flight controllers, microcontrollers, and other programs."""
+"""Complete software projects with exported code: for flight controllers, microcontrollers, and other programs."""

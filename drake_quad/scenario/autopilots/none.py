@@ -21,5 +21,5 @@ class NoAutopilot(Autopilot):
         """Return None, since no attitude is commanded over the link."""
 
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return an empty mapping, since there is no system between link and allocation."""
+        """Return an empty mapping, since there is no system between the command link and the control allocation."""
         return {}

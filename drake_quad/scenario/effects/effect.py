@@ -21,7 +21,7 @@ NO_OFFSET = (0.0, 0.0, 0.0)
 class VehicleEffect(Model):
     """Effect on the vehicle that the paper's equations do not contain.
 
-    In a fleet scenario, values that a study draws are (N,) arrays.
+    In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         field: name of the vehicle field that contains the effect.

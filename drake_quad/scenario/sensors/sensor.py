@@ -22,7 +22,7 @@ _Member = TypeVar("_Member", bound=type[Model])
 
 
 class SensorSettings(Model):
-    """Onboard sensor. In a fleet scenario, values that a study draws are (N,) arrays.
+    """Onboard sensor. In a fleet scenario, randomly drawn values are (N,) arrays.
 
     An error that can be switched off is a field of the parameters' record `errors`. It is switched on by the setting of
     the same name: a number or an item that differs from zero, or a mapping.
@@ -49,7 +49,7 @@ class SensorSettings(Model):
         """Return the parameters of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
 
     def recipe(self, fleet: Any, vehicle: Any) -> Recipe:
-        """Return the recipe for the sensors of a fleet.
+        """Return the recipe to build the sensors of a fleet.
 
         Args:
             fleet: sensor of a `Batch.fleet_scenario`.
