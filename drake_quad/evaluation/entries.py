@@ -195,7 +195,7 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# Inputs of the networks: the tracking errors, as in the paper, or the position. The fuzzy sets over the figure eight are from
+# Inputs of the networks: the tracking errors (as in the paper) or the position. The sets for the figure eight are from
 # docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}

@@ -84,8 +84,8 @@ class Requirement(Model):
     )
     until: Condition | None = Field(
         default=None,
-        description="condition that must hold at one tick of the requirement's window; up to this tick, the condition of"
-        " `always` must hold from the start of the flight",
+        description="condition that must hold at one tick of the requirement's window; up to this tick, the condition"
+        " of `always` must hold from the start of the flight",
     )
     after: FixedMoment = Field(default=0.0, description="start of the requirement's window (s)")
     before: FixedMoment | None = Field(

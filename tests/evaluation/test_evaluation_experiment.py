@@ -77,7 +77,7 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
 
 
 @pytest.mark.long
-def test_controllers_are_certified_by_the_command_s_function_or_have_a_reason(diagrams):
+def test_certificates_equal_those_of_certify_hover_or_have_a_reason_why_they_are_missing(diagrams):
     lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
     late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])
     found, expected = experiment.certified_scales(late), certify_hover(late)
@@ -221,7 +221,7 @@ def write_all_designs_but(folder, family, names):
 
 
 def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
-    """Laps and designs with other limits are flown if the family has the laboratory for them."""
+    """Several laps, and designs with other limits, are flown only in the family with the laboratory for them."""
     traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
     def of_family(folder, name, family, entry, sizes):

@@ -148,7 +148,7 @@ def test_the_networks_figure_has_a_row_per_network():
     assert 100.0 * worst > low > 150.0 * worst
 
 
-def test_small_changes_by_networks_are_shown_within_six_per_cent():
+def test_the_axis_of_small_error_reductions_ends_at_about_six_per_cent():
     found = evaluation(network=0.999, other=0.999)
     low, high = networks_figure(found).axes[0].get_xlim()
     assert -8.0 < low < -6.0

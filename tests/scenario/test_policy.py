@@ -868,7 +868,7 @@ def test_the_error_for_a_missing_onnx_library_names_the_library(load_onnx, monke
 
 @pytest.mark.parametrize("cube", [0.05, 0.04])
 def test_a_gate_that_only_resembles_gelu_is_refused(load_onnx, cube):
-    """Single precision changes the coefficient of x³ by far less than a tenth."""
+    """A wrong coefficient of x³ is not mistaken for the rounding error of single precision."""
     with pytest.raises(InputError, match="has branches that meet in a node Mul"):
         load_onnx(approximated_gelu("three", "cube"), {**GRAPH_CONSTANTS, "cube": np.array(cube)})
 

@@ -107,7 +107,7 @@ def hover(height=1.0, quadratic_drag=0.0, **wind):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
+def test_a_user_s_wind_follows_the_power_law_uncompiled_and_compiled(shear_wind):
     batch = Batch.draw(hover(height=5.0, exponent={"uniform": {"min": 0.1, "max": 0.3}}), range(3))
     for flight, exponent in zip(assert_flown_alike(batch), batch.varying["laboratory.wind.0.exponent"], strict=True):
         wind = flight.record("wind")
