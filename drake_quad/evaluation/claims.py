@@ -66,7 +66,7 @@ def comparisons_by_laboratory(evaluation: Evaluation, controller: str, other: st
     """Compare two controllers on the same samples in each laboratory in which both were flown.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         controller: name of the controller.
         other: name of the controller to compare with.
 
@@ -110,7 +110,7 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
     """Judge the claim that a controller has a smaller error than another controller and does not crash more often.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         controller: name of the controller.
         other: name of the controller to compare with.
         statement: text of the claim.
@@ -141,7 +141,7 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
     """Judge the claim that a network with the position as input reduces the error from lap to lap.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         base: name of the controller without the network.
 
     Returns:

@@ -40,7 +40,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[
     Args:
         path: path of the YAML file with the designs of a family.
         designs: fields of each design, by its name.
-        comments: comment for the line with the name of each design, by name.
+        comments: YAML comment after the name of each design, by name.
         header: new comment at the top of the file; if empty, the existing comment is kept.
     """
     tree = read_designs(path)

@@ -213,6 +213,7 @@ _POSITION_INPUTS_ON_BOARD: Tree = _NO_ERROR_INPUTS | {
 # output of the feedback controller.
 _COVARIANCE_LAW: Tree = {"kind": "covariance", "signal": "surface"}
 _GRADIENT_LAW: Tree = {"kind": "gradient", "signal": "feedback"}
+# Ranges of the tuned parameters of each learning law, and of the scales of the error inputs.
 _LEARNING_RANGES = {
     "covariance": {"slope": (0.2, 20.0), "gain": (0.01, 10.0), "initial_covariance": (0.1, 100.0)},
     "gradient": {"rate": (0.01, 10.0), "leakage": (0.001, 1.0)},

@@ -90,7 +90,7 @@ class EvaluationSizes(NamedTuple):
 QUICK = EvaluationSizes(
     samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0, certifies=False
 )
-# A result consists of laboratory, controller and metrics, or of family, controller and traits.
+# A result consists of laboratory, controller and metrics, or of family, controller and `Traits` (margins and times).
 Result = tuple[str, str, Metrics | Traits]
 
 
@@ -176,7 +176,7 @@ def fly_family(
         sizes: sizes of the evaluation.
 
     Yields:
-        The controller's metrics in each laboratory, and then its traits in the family.
+        The controller's metrics in each laboratory, and then its `Traits` in the family.
     """
     path, entry = design_file(diagrams, name), family.entries[controller]
     designed = UserController(controller, [f"{path}:{controller}"])
@@ -206,7 +206,7 @@ def fly_controller(
         uncompiled: True to fly fewer samples, in an uncompiled diagram.
 
     Yields:
-        The controller's metrics in each laboratory, and then its traits in the family.
+        The controller's metrics in each laboratory, and then its `Traits` in the family.
     """
 
     def scenario(laboratory: str, variant: UserController = controller, overrides: Sequence[str] = ()) -> Scenario:

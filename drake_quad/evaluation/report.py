@@ -66,7 +66,7 @@ def report_markdown(evaluation: Evaluation, claims: Sequence[Claim], figures: Se
     """Return the report as Markdown, with links to its figures in the adjacent folder `figures`.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         claims: claims with their verdicts.
         figures: names of the figures that were written.
     """

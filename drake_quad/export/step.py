@@ -39,7 +39,7 @@ class Member(NamedTuple):
     Attributes:
         path: path of the system.
         layout: layout of the state group or parameter.
-        value: initial value of each row.
+        value: initial value of each component.
     """
 
     path: str
@@ -486,5 +486,5 @@ def _system(path: str) -> str:
 
 
 def _member(path: str, name: str) -> str:
-    """Return the name of a struct member or variable for a part of a system."""
+    """Return the name of a struct member or variable for a port, state group or parameter of a system."""
     return identifier(f"{path.removeprefix(_CONTROL)}_{name}")

@@ -109,7 +109,7 @@ class Structs:
 
 
 def accessors(layout: Layout) -> list[str]:
-    """Return the C suffix that selects each row of a value, such as `.gains.k_p.x`."""
+    """Return the C suffix that selects each component of a value, such as `.gains.k_p.x`."""
     if layout.kind is tuple and _is_uniform(layout):
         return [f".values{suffix}" for suffix in _element_accessors(layout)]
     return _element_accessors(layout)
@@ -130,7 +130,7 @@ def _element_accessors(layout: Layout) -> list[str]:
 
 
 def initializer(layout: Layout, texts: Sequence[str]) -> str:
-    """Return the C initializer of a value, given the expression of each row."""
+    """Return the C initializer of a value, given the expression of each component."""
     text = _element_initializer(layout, iter(texts))
     return f"{{{text}}}" if layout.kind is tuple and _is_uniform(layout) else text
 

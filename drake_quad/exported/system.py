@@ -67,7 +67,7 @@ class ExportedController(LeafSystem):
         state.set_value(next_state.ravel())
 
     def _stepped(self, context: Context, *, whole_divisor: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (rows, N) next state and the (rows, N) outputs of a step.
+        """Return the next state and the outputs of a step, both as arrays (components, N).
 
         Args:
             context: context of the system.

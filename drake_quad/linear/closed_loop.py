@@ -255,7 +255,7 @@ def wrench_of_rotors(resting: Scenario) -> np.ndarray:
     """Return the matrix (4, 4) from changes of the rotor speeds to changes of scaled thrust and torques near hover.
 
     Raises:
-        InputError: the rotors cannot hold the vehicle in hover.
+        InputError: if the rotors cannot hold the vehicle in hover.
     """
     return _wrench_pattern(_hover_speeds(resting), vehicle_parameters(resting.vehicle))
 

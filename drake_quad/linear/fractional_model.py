@@ -20,10 +20,10 @@ import scipy
 from drake_quad.linear.structured_singular_value import Block, PeakBound, peak_mu_bound
 
 _RANK_TOLERANCE = 3e-4  # smallest singular value of a realisation, relative to the largest one of all parameters
-_RIDGE = 1e-3  # regularisation of mixed terms, relative
+_RIDGE = 1e-3  # regularisation of the fit of mixed terms, relative to the norm of its equations
 _ERROR_TOLERANCE = 1e-2  # relative to the largest singular value of the errors; smaller ones are not modelled
 _MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
-_ERROR_FACTOR = 1.5  # allowance for larger errors between the points
+_ERROR_FACTOR = 1.5  # factor on the errors at the fitted points, since errors between these points may be larger
 _MAX_CORNERS = 64  # largest number of corners of the box in a fit
 STEPS = (-1.0, -0.5, 0.5, 1.0)
 """Points on the axis of each parameter to which a model is fitted."""
@@ -64,7 +64,7 @@ class FractionalModel(NamedTuple):
 
         Args:
             tolerance: relative accuracy.
-            stop: bound that is good enough.
+            stop: the search ends at a bound of at most this value.
             limit: largest bound of interest; a larger one is infinite.
 
         Raises:

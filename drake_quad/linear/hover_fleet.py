@@ -61,7 +61,7 @@ class HoverFleet:
 
         Args:
             values: (N, k) values of the fields of each loop.
-            states: indices of the n states whose rows and columns are returned; all by default. Few states take less
+            states: indices of the n states whose rows and columns are returned; all by default. A selection saves
                 time.
         """
         N = len(values)

@@ -27,14 +27,12 @@ import scipy
 
 from drake_quad.process_settings import single_threaded_blas
 
-_MAX_CENTERS = 60  # largest number of centers; the bound changes by less than the tolerance long before
+_MAX_CENTERS = 60  # largest number of steps of the method of centers, which usually converges much earlier
 _MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
 _CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
 _CENTER_WEIGHT = 0.05  # weight of the previous β² in the next one, so that the center remains strictly feasible
 _MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
-_CIRCLE_TOLERANCE = (
-    1e-3  # eigenvalues at most this far from the unit circle are taken as frequencies; extra ones do no harm
-)
+_CIRCLE_TOLERANCE = 1e-3  # eigenvalues at most this far from the unit circle count as frequencies; too many do no harm
 _NUM_FIRST_FREQUENCIES = 24  # frequencies at which scalings are computed before the gaps between them are covered
 _MAX_FREQUENCIES = 400  # largest number of frequencies at which scalings are computed
 _MIN_GAP = 1e-9  # rad, largest gap between covered intervals that counts as a rounding error
@@ -81,7 +79,7 @@ def mu_bound(
         matrix: (r, r) matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy with which the bound is minimised.
-        stop: bound that is good enough, so that the minimisation may end.
+        stop: the minimisation ends at a bound of at most this value.
         starts: bounds of similar matrices, the best of whose scalings is the first guess.
 
     Raises:
@@ -308,7 +306,7 @@ def peak_mu_bound(
         D: (r, r) feedthrough matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy.
-        stop: bound that is good enough at every frequency.
+        stop: the minimisation at a frequency ends at a bound of at most this value.
         limit: largest bound of interest; the bound is infinite as soon as a larger one is found at a frequency.
 
     Raises:

@@ -132,7 +132,7 @@ def linear_vehicle(
     end.
 
     Raises:
-        InputError: the operating point is not an equilibrium; use `affine_vehicle` there.
+        InputError: if the operating point is not an equilibrium; use `affine_vehicle` there.
     """
     diagram, context = _at(trim, parameters, kinematics, effects)
     rates = diagram.EvalTimeDerivatives(context).CopyToVector()

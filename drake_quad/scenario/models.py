@@ -357,7 +357,7 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
 
 
 class MetricWindow(Model):
-    """Metrics of a flight: the window over which they are computed, and additional metrics."""
+    """Metrics of a flight: the time window in which they are computed, and additional metrics."""
 
     start: FixedMoment = Field(default=0.0, description="start of the window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
@@ -402,7 +402,7 @@ class MetricWindow(Model):
         return self
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as an end of the window after the end of the flight."""
+        """Yield settings without effect, such as an end of the time window after the end of the flight."""
         yield from super().inactive_settings(flight, path)
         yield from late_setting(self, "end", flight, path)
 

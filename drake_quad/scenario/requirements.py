@@ -110,7 +110,7 @@ class Requirement(Model):
         return [each for each in (self.always, self.eventually, self.until) if each is not None]
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as a window after the end of the flight."""
+        """Yield settings without effect, such as a time window after the end of the flight."""
         yield from super().inactive_settings(flight, path)
         yield from late_setting(self, "after", flight, path)
 

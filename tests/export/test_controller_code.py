@@ -191,7 +191,7 @@ def test_wrong_options_are_refused(options, message, tmp_path):
         export_controller(load_scenario("hover"), tmp_path, **options)
 
 
-def test_an_attitude_controller_has_no_mixer(tmp_path):
+def test_a_controller_that_commands_an_attitude_has_no_mixer(tmp_path):
     with pytest.raises(InputError, match="commands an attitude"):
         export_controller(load_scenario("onboard"), tmp_path, mixer=True)
 

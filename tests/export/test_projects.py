@@ -41,7 +41,7 @@ ATTITUDE = ["onboard", SHORT]
 ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
 DISABLED, ABSOLUTE, VELOCITY = 0, 1, 2  # modes of the Crazyflie's setpoint
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # signs that convert north-west-up to north-east-down, and back
-HOVER_THRUST = 0.375
+HOVER_THRUST = 0.375  # thrust command of PX4 in hover, relative to the largest command
 
 
 def exported(folder, project, scenario, precision="single", **options):
@@ -509,7 +509,7 @@ def test_no_file_of_a_project_contains_a_placeholder_or_a_constant_condition(hov
             assert len(re.findall("^#if", text, re.MULTILINE)) == len(re.findall("^#endif", text, re.MULTILINE))
 
 
-def test_a_project_contains_only_the_lines_for_its_code(hover_code):
+def test_a_project_contains_only_the_template_lines_that_apply_to_its_code(hover_code):
     module = "src/modules/mine/mine_module.cpp"
     follows = project_files("px4", hover_code)[module]
     plays = project_files("px4", hover_code._replace(has_reference=True))[module]

@@ -17,7 +17,7 @@ def resting():
     return symmetric_hover(at_rest(load_scenario("hover")))
 
 
-def test_the_loops_of_a_fleet_are_those_of_their_scenarios(resting):
+def test_the_loops_of_a_fleet_equal_those_of_single_scenarios(resting):
     fleet = HoverFleet(resting, FIELDS)
     loops = fleet(VALUES)
     for row, loop in zip(VALUES, loops, strict=True):

@@ -51,7 +51,7 @@ def structure_of(scenario):
         ),
     ],
 )
-def test_errors_name_the_wrong_field(overrides, words):
+def test_errors_name_the_invalid_field(overrides, words):
     with pytest.raises(InputError, match=re.escape(words)):
         load(*overrides)
 

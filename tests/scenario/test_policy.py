@@ -249,7 +249,7 @@ def test_the_error_for_an_invalid_network_is_one_sentence(load_arrays, arrays, w
     assert "\n" not in str(error.value)
 
 
-def test_a_layer_has_no_more_than_4096_rows(load_arrays):
+def test_a_layer_has_no_more_than_4096_outputs(load_arrays):
     def arrays(rows):
         weights = {"weights_0": np.zeros((rows, 6)), "weights_1": np.zeros((3, rows))}
         return weights | {"biases_0": np.zeros(rows), "biases_1": np.zeros(3)}

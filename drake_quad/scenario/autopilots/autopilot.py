@@ -84,7 +84,7 @@ class Autopilot(Model):
         return self.model_copy(update=self.bias_free)
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the autopilot does not fit the vehicle or the link of its `Scenario`."""
+        """Raise a validation error if the autopilot does not fit the vehicle or the command link of its `Scenario`."""
 
 
 AUTOPILOTS = OpenUnion(Autopilot, "period")

@@ -37,7 +37,7 @@ class Control(Model):
 
     @abstractmethod
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Build the diagram `control`, which computes the command for the link from `measurement` and `reference`.
+        """Build the diagram `control`, which computes the command for the vehicle from `measurement` and `reference`.
 
         Args:
             systems: systems built from the recipes, by their paths.

@@ -189,7 +189,7 @@ class LqgControl(Control):
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
-    # Names of fields that have an effect only if the link carries torques.
+    # Names of fields that have an effect only if the command link carries torques.
     torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:

@@ -79,7 +79,7 @@ EFFECTS = OpenFields(VehicleEffect)
 
 
 class AirLoadEffect(VehicleEffect):
-    """Effect whose force and torque depend on airspeed and rotor speeds. The record's method `load` computes them."""
+    """Effect whose force and torque depend on airspeed and rotor speeds. `load`, a method of `record`, computes both."""
 
     depends_on_wind: ClassVar = True
 

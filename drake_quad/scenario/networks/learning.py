@@ -24,7 +24,7 @@ class _Learning(Model):
 
     @abstractmethod
     def law(self) -> Any:
-        """Return the law as a record of `drake_quad.control.fuzzy.laws`."""
+        """Return the law as a named tuple of `drake_quad.control.fuzzy.laws`."""
 
     def can_change_weights(self) -> bool:
         """Return whether any weight can become nonzero."""

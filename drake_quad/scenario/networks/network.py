@@ -125,7 +125,7 @@ class _Network(Model):
         return build_fuzzy_network(**{name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")})
 
     def _initial_antecedents(self, learned: tuple[LearnedAxis, ...]) -> tuple[Antecedents, ...]:
-        """Return the initial antecedents: one record for all axes, or one for each axis if they were learned."""
+        """Return the initial antecedents: equal ones for all axes, or those of each axis if they were learned."""
         sets = self.antecedents()
         if all(each.antecedents is None for each in learned):
             return (sets,)

@@ -86,7 +86,7 @@ class EstimatingPosition(PdPosition):
 
     @abstractmethod
     def law(self, axis: int, period: float) -> Any:
-        """Return the estimation law of an axis, a record of `drake_quad.control.disturbance.laws`.
+        """Return the estimation law of an axis, a named tuple of `drake_quad.control.disturbance.laws`.
 
         Args:
             axis: 0, 1 or 2 for X, Y or Z.

@@ -69,7 +69,7 @@ class Waypoint(Model):
         return self
 
     def region(self) -> Box | Sphere:
-        """Return the point or region as a record of the planner."""
+        """Return the point or region in the form that the planner uses."""
         if self.box is not None:
             return self.box.box()
         if self.sphere is not None:
