@@ -55,7 +55,8 @@ def all_claims(evaluation: Evaluation) -> list[Claim]:
             evaluation,
             "pd_t2fnn_map",
             "pd_t2fnn",
-            "with the PD, a type-2 network over the position has a smaller error than one over the tracking error",
+            "with the PD, a type-2 network with the position as input has a smaller error than one with the tracking"
+            " error",
         ),
     ]
     laps = [judge_learning_in_laps(evaluation, name) for name in POSITION_NETWORK_BASES]
@@ -90,7 +91,7 @@ def compare_common_samples(metrics: Metrics, baseline: Metrics) -> Comparison:
 
 def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | None:
     """Judge the claim that adding a network to a controller reduces the error; None if there are no flights."""
-    kind = " over the position" if network.endswith("map") else ""
+    kind = " with the position as input" if network.endswith("map") else ""
     statement = f"adding a type-2 network{kind} to {CONTROLLER_NAMES[base]} reduces the error"
     claim = judge_smaller_error(evaluation, network, base, statement)
     return claim and claim._replace(evidence=claim.evidence + _tolerated_delays_text(evaluation, network, base))
@@ -138,7 +139,7 @@ def _is_error_smaller(compared: Comparison) -> bool | None:
 
 
 def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
-    """Judge the claim that a network with the position as input reduces the error from lap to lap.
+    """Judge the claim that a network with the position as input learns, over several laps, to reduce the error.
 
     Args:
         evaluation: results of all controllers.
@@ -157,8 +158,8 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
         compare_common_samples(last[network], last[base]),
     )
     return Claim(
-        f"over several laps in {LAPS_LABORATORY}, a network over the position that is added to {CONTROLLER_NAMES[base]}"
-        " learns a map that reduces the error",
+        f"over several laps in {LAPS_LABORATORY}, a network with the position as input that is added to"
+        f" {CONTROLLER_NAMES[base]} learns to reduce the error",
         f"in lap {counts[-1]} its RMSE is smaller by {reduction(learned.ratio).percent()} than in lap {counts[0]}, and"
         f" by {reduction(gained.ratio).percent()} than without the network in the same lap"
         f"{_crash_text({'compared with the first lap': learned, 'compared with no network': gained})}",

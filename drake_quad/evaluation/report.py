@@ -34,7 +34,8 @@ CAPTIONS = {
     " laboratory. Lines connect designs of the same controller with different limits.",
     "networks": "Reduction of the mean RMSE by a network, on the same samples, with 95 % intervals. Left of zero, the"
     " network increases the error.",
-    "laps": "RMSE in each lap in high wind, with 95 % intervals, with and without a network over the position.",
+    "laps": "RMSE in each lap in high wind, with 95 % intervals, with and without a network that has the position as"
+    " input.",
 }
 # Metrics whose means are columns of the summary, by the name of the column.
 _MEAN_COLUMNS = {

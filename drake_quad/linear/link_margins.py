@@ -1,7 +1,7 @@
 """Stability margins of any controller, with its loops broken at the command link.
 
-Every controller (a cascade, an optimal controller or a user's controller) sends a thrust over the radio link, and either
-three torques or the angles that an autopilot follows. If an offset is added to one of these signals,
+Every controller (a cascade, an optimal controller or a user's controller) sends the thrust over the radio link, and
+either three torques or the angles that an autopilot follows. If an offset is added to one of these signals,
 
     signal on the link = S (offset),    S = 1 / (1 + L)
 

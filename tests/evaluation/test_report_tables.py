@@ -140,7 +140,7 @@ def test_a_comparison_needs_both_controllers():
     assert "no wind" not in comparisons_by_laboratory(found, "pd_t1fnn", "pd")
     assert comparisons_by_laboratory(found, "l1", "pd") == {}
     statements = [each.statement for each in all_claims(found)]
-    assert not any("L1" in each or "over the position has a smaller error" in each for each in statements)
+    assert not any("L1" in each or "with the position as input has a smaller error" in each for each in statements)
     assert lap_counts(found, "pd_t2fnn_map") == [1, 2, 3]
     del found.flights[laboratory_with_laps(2)]["pd_t2fnn_map"]
     assert lap_counts(found, "pd_t2fnn_map") == [1]

@@ -79,7 +79,7 @@ EFFECTS = OpenFields(VehicleEffect)
 
 
 class AirLoadEffect(VehicleEffect):
-    """Effect whose force and torque depend on airspeed and rotor speeds. `load`, a method of `record`, computes both."""
+    """Effect whose force and torque depend on airspeed and rotor speeds; the method `load` of `record` computes them."""
 
     depends_on_wind: ClassVar = True
 
