@@ -178,7 +178,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 
 
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
-    """Judge the claim that a smaller stability margin reduces the error; None without designs with several margins."""
+    """Judge the claim that a smaller stability margin reduces the error; None if no controller has several designs."""
     parts, conditions = [], []
     for controller in PRICED_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)
@@ -249,7 +249,7 @@ def delay_text(delay: float) -> str:
 
 
 def proportions_text(fractions: Mapping[str, Interval]) -> str:
-    """Return fractions, by laboratory, as text."""
+    """Return, as text, a fraction for each laboratory."""
     return "; ".join(f"{each.percent()} ({laboratory})" for laboratory, each in fractions.items())
 
 

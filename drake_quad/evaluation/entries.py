@@ -38,7 +38,7 @@ class ControllerEntry(NamedTuple):
     uncompiled: bool = False
 
     def tree(self, numbers: Iterable[float]) -> Tree:
-        """Return the controller as part of a scenario."""
+        """Return the scenario fields of the controller, as nested mappings."""
         tree = {"control": deepcopy(self.control)}
         for parameter, number in zip(self.parameters, numbers, strict=True):
             for path in parameter.paths:

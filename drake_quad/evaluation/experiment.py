@@ -147,7 +147,7 @@ def _jobs(
     only: Sequence[str] | None,
     user_controllers: Sequence[UserController],
 ) -> Iterator[Job]:
-    """Yield the jobs of a family."""
+    """Yield the jobs of a family: the flights of each controller, flights of laps, and flights of `fly_priced`."""
     family, designs = FAMILIES[name], read_designs(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
     for entry in entries:
@@ -346,7 +346,7 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
 
 
 def worst_margins(scenario: Scenario) -> tuple[float, float]:
-    """Return the peak sensitivity and the smallest delay margin, s, of the median plant; NaN without a linear model."""
+    """Return peak sensitivity and smallest delay margin, s, for median parameters; NaN without a linear model."""
     try:
         margins = [each for each in link_margins(median_scenario(scenario)).values() if each is not None]
     except InputError:
@@ -355,7 +355,7 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 class CertifiedScales(NamedTuple):
-    """Result of the robustness certificate: scales of the parameter ranges, and why there is no certificate."""
+    """Result of a robustness certificate: scales of the parameter ranges, or why there is no certificate."""
 
     stable_scale: float
     unstable_scale: float

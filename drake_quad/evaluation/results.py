@@ -68,7 +68,7 @@ class Evaluation:
 
 
 def laboratory_with_laps(count: int) -> str:
-    """Return the name of the results in a laboratory with several laps. Metrics are computed over the last lap."""
+    """Return the name under which the results with a number of laps are stored. Metrics are those of the last lap."""
     return f"{LAPS_LABORATORY}, lap {count}"
 
 

@@ -76,7 +76,8 @@ def export_controller(
             `drake_quad.export.projects.registered.PROJECTS`.
 
     Raises:
-        InputError: if the controller contains distributions or is not a formula, or the name is not an identifier.
+        InputError: if the controller contains distributions or systems without formulas, or the name is not an
+            identifier.
     """
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}; it must be one of {join_names([*PRECISIONS])}")

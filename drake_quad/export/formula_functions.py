@@ -13,7 +13,7 @@ from drake_quad.framework.records import ABSENT, ROW, Layout
 from drake_quad.framework.symbols import LEAVES, Listing, Symbol
 from drake_quad.framework.variable_names import collect_names
 
-_TIME_GROUP = -1  # number of the time; the inputs of a formula (ports, parameters and states) are numbered from 0
+_TIME_GROUP = -1  # index of the time; the other inputs of a formula (ports, parameters, states) are counted from 0
 
 
 class Argument(NamedTuple):
@@ -181,7 +181,7 @@ def _unwrapped(formula: Any) -> Any:
 
 
 def _used_groups(listing: Listing, results: Sequence[Any]) -> set[int]:
-    """Return the numbers of the inputs on which results depend, including `_TIME_GROUP` for the time."""
+    """Return the indices of the inputs on which results depend, including `_TIME_GROUP` for the time."""
     required, used = set[int](), set[int]()
     stack = [result.line for result in results if isinstance(result, Symbol)]
     while stack:

@@ -297,7 +297,7 @@ class Step:
         return self._struct_rows(f"controller->{_member(path, group.name)}", group.layout)
 
     def as_rows(self, texts: Sequence[str]) -> list[_Row]:
-        """Return expressions without operations that have the given texts."""
+        """Wrap texts of expressions that contain no operations."""
         return [_Row(text, self.precision) for text in texts]
 
     def default_context(self, path: str) -> Any:
@@ -409,7 +409,7 @@ class Step:
         }
 
     def _variables(self) -> set[str]:
-        """Return the names of all arguments and variables of the function, which no function that it calls may have."""
+        """Return the names of all arguments and variables, which the functions that are called must not have."""
         outputs = {
             _member(path, system.get_output_port(i).get_name())
             for path, system in self._leaves.items()

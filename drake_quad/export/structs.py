@@ -176,7 +176,7 @@ def _attribute_texts(kind: type) -> dict[str, str]:
 
 
 def _comment(text: str, quantity: Quantity | None) -> str:
-    """Return the comment of a field: its description, unit and frame."""
+    """Return the comment on a field: its description, unit and coordinate frame."""
     if quantity is None:
         return text
     frame = {"W": "world frame", "B": "body frame"}.get(quantity.frame, "")

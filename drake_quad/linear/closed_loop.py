@@ -59,8 +59,8 @@ class ClosedLoop(NamedTuple):
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method solves x = Φ(x), starting in hover at the reference. A PD has a steady error in wind, or if the
-    vehicle is asymmetric.
+    Newton's method solves x = Φ(x), starting in hover at the reference. A PD controller has a steady error in wind
+    and if the vehicle is asymmetric.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.

@@ -22,7 +22,7 @@ class _Group(NamedTuple):
 
 
 def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of each leaf system in a diagram, as names; subsystems named in `without` are left out."""
+    """Yield the path of each leaf system in a diagram, as a tuple of names, except for subsystems in `without`."""
     for part in diagram.GetSystems():
         name = part.get_name()
         if name in without:

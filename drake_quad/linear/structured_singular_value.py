@@ -331,7 +331,7 @@ def peak_mu_bound(
         gaps = _without(gaps, _covered(A, B, C, D, bound, level))
 
     with single_threaded_blas():
-        # The largest bounds, which occur near poles, are computed first. Their level then also holds at many others.
+        # The largest bounds occur near poles. They are computed first, since their level holds at most frequencies.
         poles = np.linalg.eigvals(A)
         first = np.append(np.abs(np.angle(poles[np.abs(poles) > 0.2])), [0.0, math.pi])
         sizes = [np.linalg.norm(np.linalg.solve(np.exp(1j * w) * np.eye(len(A)) - A, B), 2) for w in first]

@@ -219,7 +219,7 @@ Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=Fal
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
-# Types of the same quantities that do not allow distributions.
+# Types of the quantities above that do not allow distributions.
 FixedPositive = Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)]
 FixedNonNegative = Annotated[float, Field(ge=0.0, le=MAX_MAGNITUDE)]
 FixedMoment = Annotated[float, Field(ge=0.0, le=MAX_DURATION)]

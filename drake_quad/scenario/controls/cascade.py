@@ -98,7 +98,7 @@ class CascadeControl(Control):
         return self.thrust_vectoring
 
     def cascade(self) -> "CascadeControl":
-        """Return this model, since it describes a cascade."""
+        """Return the control itself, which is a cascade."""
         return self
 
     def parts(self) -> list[str]:

@@ -79,7 +79,7 @@ EFFECTS = OpenFields(VehicleEffect)
 
 
 class AirLoadEffect(VehicleEffect):
-    """Effect whose force and torque depend on airspeed and rotor speeds; the method `load` of `record` computes them."""
+    """Effect whose force and torque depend on airspeed and rotor speeds. The class `record` computes them by `load`."""
 
     depends_on_wind: ClassVar = True
 

@@ -138,8 +138,8 @@ class _Reader:
     def _aliased(self, event: Any) -> Tree:
         if event.anchor not in self._anchors:
             raise InputError(
-                f"{self._mark(event)}: is not YAML: the alias *{shorten_text(event.anchor)} needs an anchor that ends"
-                " before it"
+                f"{self._mark(event)}: is not YAML: the alias *{shorten_text(event.anchor)} must come after the"
+                " value with its anchor"
             )
         anchored = self._anchors[event.anchor]
         self._enter(event, anchored.nodes, anchored.levels)

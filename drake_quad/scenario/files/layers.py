@@ -134,8 +134,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     result = with_override(base._replace(value=base_fields), layer)
     if not new_vehicle:
         return result
-    # Relative distributions apply to the new vehicle, so they are merged last. Those of the layer take precedence over
-    # those of the base, so they are merged after them.
+    # Relative distributions apply to the new vehicle, so they are merged last. The relative
+    # distributions of the layer are merged after those of the base, over which they take precedence.
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:

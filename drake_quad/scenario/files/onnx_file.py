@@ -35,7 +35,7 @@ _ACTION_NAMES = ("action", "actions")
 _STANDARD_DOMAINS = ("", "ai.onnx")
 # Relative rounding error of a constant in single precision.
 _CONSTANT_TOLERANCE = 1e-6
-# Relative rounding error of a product of several such constants.
+# Relative rounding error of a product of several constants in single precision.
 _GATE_TOLERANCE = 1e-5
 # Largest depth of the arithmetic expression that forms a gate.
 _MAX_GATE_DEPTH = 10
