@@ -84,7 +84,7 @@ def comparisons_by_laboratory(evaluation: Evaluation, controller: str, other: st
 
 
 def compare_common_samples(metrics: Metrics, baseline: Metrics) -> Comparison:
-    """Compare two controllers on their common samples, which are the first samples of each."""
+    """Compare two controllers on the samples that both have flown, which are the first samples of each."""
     count = min(len(metrics.rmse), len(baseline.rmse))
     return compare(metrics.take(slice(count)), baseline.take(slice(count)))
 

@@ -114,7 +114,7 @@ def _scenarios_before_tuning(
     diagrams: Path, family: LaboratoryFamily, path: Path, name: str, entry: ControllerEntry
 ) -> list[Scenario]:
     """Return the training scenarios of a controller, with each tuned parameter at the geometric mean of its range."""
-    # The scenarios are read from a copy of the file, since the entry may extend other designs in the file. The copy is
+    # The scenarios are read from a copy of the file, since the controller may extend other designs in it. The copy is
     # in the same folder, since the paths in the file are relative to this folder.
     trial = path.with_name(f".tuning_{path.name}")
     try:

@@ -409,7 +409,7 @@ class Step:
         }
 
     def _variables(self) -> set[str]:
-        """Return the names of all arguments and variables, which the functions that are called must not have."""
+        """Return the names of all arguments and variables, so that called functions get other names."""
         outputs = {
             _member(path, system.get_output_port(i).get_name())
             for path, system in self._leaves.items()

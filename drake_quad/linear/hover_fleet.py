@@ -118,7 +118,7 @@ def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _times(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the products (n, N) of N matrices (N, n, n) and as many columns (n, N)."""
+    """Return the product of each of N matrices (N, n, n) with its column of (n, N), as an array (n, N)."""
     return (matrices @ columns.T[:, :, np.newaxis])[:, :, 0].T
 
 

@@ -34,7 +34,7 @@ class Plausible:
     upper: float = math.inf
 
     def explain_implausibility(self, value: Any, period: float) -> str:
-        """Return a clause of a remark on an implausible number or distribution; empty if it is plausible.
+        """Return a clause that explains why a number or distribution is implausible; empty if it is plausible.
 
         Args:
             value: number or distribution.
@@ -63,7 +63,7 @@ class PlausibleDelay:
     upper: float
 
     def explain_implausibility(self, value: Any, period: float) -> str:
-        """Return a clause of a remark on an implausible number of ticks; see `Plausible.explain_implausibility`."""
+        """Return a clause that explains why a number of ticks is implausible; empty if it is plausible."""
         ticks = max(numbers_in(value), default=0.0)
         if ticks * period <= self.upper:
             return ""

@@ -190,7 +190,7 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
     assert written == ["3", "5", "10", "20"]
 
 
-def test_the_margins_figure_shows_all_designs_beyond_its_usual_limits():
+def test_the_axes_of_the_margins_figure_are_extended_for_designs_beyond_the_usual_limits():
     found = evaluation()
     told = found.traits["laboratory"]
     told["pd"] = told["pd"]._replace(sensitivity=1.2, delay_flown=0.25)

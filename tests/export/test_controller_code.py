@@ -186,7 +186,7 @@ def test_a_random_gain_is_refused(tmp_path):
         ({"name": "double"}, "name is 'double'; it must be an identifier of C"),
     ],
 )
-def test_wrong_options_are_refused(options, message, tmp_path):
+def test_invalid_options_are_refused(options, message, tmp_path):
     with pytest.raises(InputError, match=message):
         export_controller(load_scenario("hover"), tmp_path, **options)
 

@@ -152,7 +152,8 @@ def test_the_delay_margin_of_a_resonance_with_a_long_delay_ends_at_the_next_lowe
     exact = margins(loop)
     assert exact.delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(exact.delay, rel=1e-3)
-    # The phase margin limits changes in both directions, so the nearest -180° counts, which is above the phase here.
+    # The phase margin holds for changes in both directions, so it is the distance to the nearest odd multiple of 180°,
+    # which is above the phase here.
     assert exact.phase == pytest.approx(phase, abs=0.05)
     assert fast.phase == pytest.approx(phase, abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]

@@ -226,7 +226,7 @@ def test_derivatives_through_a_flight_match_finite_differences_of_flights(labora
         ), field
 
 
-def test_a_flight_depends_discontinuously_on_the_time_of_a_payload(laboratory):
+def test_sensitivity_to_the_time_at_which_a_payload_is_dropped_is_refused(laboratory):
     with pytest.raises(InputError, match="vehicle.payload.time: the flight depends on it discontinuously"):
         flight_sensitivities(
             laboratory("duration=1", PAYLOAD_OVERRIDE.format(0.5, "dropped")), ["vehicle.payload.time"]

@@ -205,7 +205,7 @@ def test_a_constant_output_has_zero_derivatives():
 
 
 def two_inputs():
-    """Return a diagram of two zero-order holds over 0.1 s, which have two inputs and one input, and its context."""
+    """Return a diagram of two zero-order holds, for a vector of two numbers and for one number, and its context."""
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
