@@ -180,7 +180,7 @@ def _mixed_blocks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return blocks X and Y of N for which L₁ X R₂ + L₂ Y R₁ is nearest to a mixed derivative (n, n)."""
     (L1, R1), (L2, R2) = first, second
-    # Orthonormal bases make the equations small.
+    # The projection on orthonormal bases reduces the number of equations.
     left, right = np.linalg.qr(np.hstack([L1, L2]))[0], np.linalg.qr(np.vstack([R1, R2]).T)[0]
     equations = np.hstack([np.kron(left.T @ L1, (R2 @ right).T), np.kron(left.T @ L2, (R1 @ right).T)])
     target = (left.T @ mixed @ right).ravel()

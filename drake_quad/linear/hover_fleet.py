@@ -74,7 +74,7 @@ class HoverFleet:
         with np.errstate(all="ignore"), single_threaded_blas():
             x, unsettled = _equilibria(period_map)
             rows, kept = rotor_rows(self.states), np.arange(len(x)) if states is None else states
-            # Thrust and torques depend on the speeds of all rotors.
+            # Thrust and torques depend on the speeds of all rotors, so all or none of these speeds are needed.
             columns = {*kept} | ({*rows} if {*rows} & {*kept} else set())
             A = period_map.jacobian(x, 4, sorted(columns))
         A[unsettled] = np.nan
@@ -118,7 +118,7 @@ def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _times(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the product of each of N matrices (N, n, n) with its column of (n, N), as an array (n, N)."""
+    """Multiply N matrices (N, n, n) by N columns (n, N), and return the N products (n, N)."""
     return (matrices @ columns.T[:, :, np.newaxis])[:, :, 0].T
 
 

@@ -346,7 +346,7 @@ def peak_mu_bound(
             before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
             prove(0.5 * (low + high))
             if gaps == before:
-                # With real blocks, the interval in which scalings prove the level can be short. A larger level makes it longer.
+                # With real blocks, the level may be proved only in a short interval. A larger level makes it longer.
                 level *= 1.0 + 0.25 * tolerance
     raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
 

@@ -78,7 +78,7 @@ def test_single_precision_differs_only_by_rounding_errors(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
-def test_compilers_and_their_options_do_not_change_a_bit(compiler, level, tmp_path):
+def test_commands_do_not_depend_on_the_compiler_and_its_options(compiler, level, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler}")
     export_controller(asymmetric("pd_t2fnn"), tmp_path)

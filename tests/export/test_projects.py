@@ -257,7 +257,7 @@ def test_the_px4_project_ignores_setpoints_that_are_old_or_from_before_offboard_
     measured = [np.array([x, 2.0, 3.0, *[0.0] * 9]) for x in (1.0, 1.5)]
     at_rest = [px4_inputs(each, np.array([*each[:3], *[0.0] * 8]), np.zeros(3)) for each in measured]
     elsewhere = [px4_inputs(each, rest, np.zeros(3)) for each in measured]
-    library.set_setpoint_age(ctypes.c_uint64(10_000))  # from before offboard mode
+    library.set_setpoint_age(ctypes.c_uint64(10_000))  # the setpoint is older than offboard mode
     held = call(library, 1.0, elsewhere[0])
     library.set_setpoint_age(ctypes.c_uint64(0))
     np.testing.assert_allclose(call(library, 1.02, at_rest[0]), held, rtol=1e-6)

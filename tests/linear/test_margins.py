@@ -79,7 +79,7 @@ def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
 
     Larger gains are unstable with this delay.
     """
-    low, high = 0.02, 50.0  # factors of the gains
+    low, high = 0.02, 50.0  # bounds of the factor by which the gains are multiplied
     grid = frequencies(PERIOD)
     for _ in range(60):
         middle = np.sqrt(low * high)
