@@ -200,7 +200,7 @@ def run_program(program, arguments, monkeypatch):
 
 
 class ParsedError(BaseException):
-    """Signal that a command line has been parsed. It is no `Exception`, because commands catch those of user files."""
+    """Signal that a command line was parsed. It is not an `Exception`, because commands catch those of user files."""
 
 
 def commands():
@@ -289,7 +289,7 @@ def test_every_page_is_linked_from_the_index():
 def row_of(system):
     """Return the cells of a system in the table of docs/reference/systems.md: inputs, outputs, parameters and states.
 
-    A cell is a list of pairs of a name and a number of rows, which is empty if the cell does not contain it.
+    A cell is a list of names, each with its number of components as text; this text is empty if the cell has no number.
     """
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()

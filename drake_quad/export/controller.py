@@ -30,7 +30,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
-# Port of the rotor commands that each kind of allocation computes.
+# Output ports with rotor commands. Each kind of control allocation has one of them.
 _ROTOR_COMMANDS = ("rotor_speed_command", "throttle_command")
 _DIGEST = "SHA-256 of the scenario:"  # text in the opening comment of exported files
 
@@ -59,7 +59,7 @@ def export_controller(
 ) -> Export:
     """Write the controller of a scenario as C99, and return what was written.
 
-    The code contains everything between the inputs `measurement` and `reference` and the command over the link:
+    The code contains everything between the inputs `measurement` and `reference` and the command to the vehicle:
     `wrench` or `attitude_target`. It needs no library but `math.h`, no memory allocation and no global variables.
 
     The folder contains the header NAME.h and the source NAME.c, the description `export.json` with which
@@ -77,8 +77,8 @@ def export_controller(
             `drake_quad.export.projects.registered.PROJECTS`.
 
     Raises:
-        InputError: if the controller contains distributions or is not a formula, the name is not an identifier, or the
-            folder contains a C file of this name that was not exported.
+        InputError: if the controller contains distributions or systems without formulas, the name is not an identifier,
+            or the folder contains a C file of this name that was not exported.
     """
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}; it must be one of {join_names([*PRECISIONS])}")

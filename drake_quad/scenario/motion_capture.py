@@ -67,7 +67,7 @@ class MotionCaptureSettings(Model):
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
 
     def recipe(self, fleet: Any) -> Recipe:
-        """Return the recipe for the cameras of a fleet.
+        """Return the recipe to build the cameras of a fleet.
 
         Args:
             fleet: cameras of a `Batch.fleet_scenario`.

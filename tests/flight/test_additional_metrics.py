@@ -361,15 +361,15 @@ def test_a_crash_satisfies_no_requirement():
 @pytest.mark.parametrize(
     ("requirement", "message"),
     [
-        ({}, "must have either always or eventually"),
-        ({"always": {"signal": "tilt"}}, "must have a bound, above or below, if and only if it has a signal"),
-        ({"always": {"below": 1.0}}, "must have exactly one of signal, all and any"),
-        ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than above, 1"),
+        ({}, "must have either `always` or `eventually`"),
+        ({"always": {"signal": "tilt"}}, r"must have a bound \(`above` or `below`\) if it has a `signal`"),
+        ({"always": {"below": 1.0}}, "must have exactly one of the fields `signal`, `all` and `any`"),
+        ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than `above`, 1"),
         (
             {"eventually": {"signal": "tilt", "below": 1.0}, "until": {"signal": "tilt", "below": 1.0}},
-            "always if it has until",
+            "must have `always` if it has `until`",
         ),
-        ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than after, 3"),
+        ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than `after`, 3"),
         (
             {"always": {"all": [{"signal": "tilt", "below": 1.0}, {"signal": "speed", "below": 1.0}]}},
             "must not combine signals in m/s and rad",

@@ -33,7 +33,7 @@ def loaded(diagrams):
 
 
 def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
-    """Return the expected torque loop: a PD on the tilt, which a PD on the position commands, eq (7)."""
+    """Return the expected torque loop: a PD controller of the tilt inside a PD controller of the position, eq (7)."""
     torque, tilt, rate, inertia, sign = {
         "x": ("tau_y", "pitch", "q", 0.0085, 1.0),
         "y": ("tau_x", "roll", "p", 0.0065, -1.0),
@@ -46,7 +46,7 @@ def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
 
 
 def link_loop(scenario, row):
-    """Return the loop of a row of the command, with the nominal vehicle."""
+    """Return the loop of a component of the command, with the nominal vehicle."""
     return link_loops(nominal_hover(scenario))[row]
 
 

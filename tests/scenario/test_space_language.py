@@ -80,7 +80,7 @@ def test_a_space_has_the_given_obstacles(folder):
     np.testing.assert_allclose(sorted(rock.corners), sorted(expected), atol=1e-12)
 
 
-def test_the_predicted_error_is_multiplied_by_tracking(folder):
+def test_the_clearance_contains_the_predicted_error_times_tracking_error_factor(folder):
     space = load_scenario(folder / "rooms.yaml:room", "space.tracking_error_factor=3").space
     assert space.flight_space(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
 

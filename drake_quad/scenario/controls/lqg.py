@@ -189,7 +189,7 @@ class LqgControl(Control):
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
-    # Names of fields that have an effect only if the link carries torques.
+    # Names of fields that have an effect only if the command link carries torques.
     torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
@@ -226,7 +226,7 @@ class LqgControl(Control):
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the controller and for the network, if there is one."""
+        """Return the recipes to build the controller and for the network, if there is one."""
         structure = {
             "signal": setting.autopilot.command,
             "period": setting.frame,

@@ -40,7 +40,7 @@ class InputSets(Model):
         return self
 
     def record(self) -> inference.Sets:
-        """Return the sets as a record for the systems of a network."""
+        """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
@@ -60,7 +60,7 @@ class CircularInputSets(InputSets):
     widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="width d of each set (1)")
 
     def record(self) -> inference.Sets:
-        """Return the sets as a record for the systems of a network."""
+        """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.CircularSets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
