@@ -19,7 +19,9 @@ from drake_quad.scenario.quantities import FixedMoment
 class Condition(Model):
     """Condition on signals: bounds on a scalar signal, or a combination of conditions."""
 
-    signal: str | None = Field(default=None, description="derived signal, or row of a signal such as `state.z`")
+    signal: str | None = Field(
+        default=None, description="name of a derived signal, or of a component of a signal, such as `state.z`"
+    )
     above: Real | None = Field(default=None, description="lower bound, in the unit of the signal")
     below: Real | None = Field(default=None, description="upper bound, in the unit of the signal")
     all: Annotated[tuple["Condition", ...], Field(strict=False, min_length=1)] | None = Field(
