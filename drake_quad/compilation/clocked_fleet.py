@@ -17,7 +17,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# First row in the log and layout of each port or state group, by name.
+# For each port or state group, by name: its first row in the log, and its layout.
 _LogRows = dict[str, tuple[int, Layout]]
 
 

@@ -9,7 +9,7 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers of two groups in addition to the groups of a trace: precomputed rows and logged rows.
+# Group numbers of the precomputed results and of the log, which follow the group numbers in `trace.py`.
 PRECOMPUTED = 3
 LOG = 4
 # Size of a cache line of the processor, bytes. Array addresses are multiples of this size.

@@ -13,9 +13,9 @@ from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, CurrentTick, Tick
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
-# Rows of a port, state or parameter; each row is a symbol or a number.
+# Components of a port, state or parameter; each of these rows is a symbol or a number.
 Rows = list[Any]
-# Numbers of the groups that a listing reads.
+# Numbers of the groups of rows that a listing reads: state, parameters and external inputs.
 STATE, PARAMETERS, INPUTS = range(3)
 # Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
 ROUNDING = 1e-9

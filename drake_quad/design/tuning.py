@@ -43,7 +43,7 @@ _LIMIT_RESERVE = 0.002
 # Initial step of each local search, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
 # Ratios from `margin_ratios` are clipped to this range before they are interpolated.
-_FRACTION_RANGE = (0.2, 1.5)
+_MARGIN_RATIO_RANGE = (0.2, 1.5)
 
 
 class TuningParameter(NamedTuple):
@@ -429,7 +429,7 @@ def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
     The single ratio of an unstable loop is repeated. Far from the limits, the ratios are discontinuous, and the search
     does not need their exact values.
     """
-    return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
+    return np.log(np.clip(np.broadcast_to(fractions, count), *_MARGIN_RATIO_RANGE))
 
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:

@@ -504,7 +504,7 @@ class Scenario(Mission):
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
     draws: DesignedDraws | None = Field(
-        default=None, description="sampling design of a study, such as a Latin hypercube; independent random samples if not given"
+        default=None, description="sampling design of a study; independent random samples if not given"
     )
 
     def _summary(self) -> list[str]:
