@@ -84,7 +84,7 @@ def run_script(tmp_path, monkeypatch, capsys):
 
 
 def numbers(pattern, text):
-    """Return the numbers in a text at the places of `#` in a pattern, which is a regular expression."""
+    """Return the numbers in a text that stand where the pattern, a regular expression, contains `#`."""
     return [float(number) for number in re.search(pattern.replace("#", r"(-?\d[\d.]*)"), text).groups()]
 
 
@@ -92,7 +92,8 @@ def numbers(pattern, text):
 def test_the_flight_in_drakes_simulator_has_the_same_errors_as_simulate(run_script, tmp_path):
     text, variables = run_script("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
-    # The log covers the whole flight, whereas the metrics leave out the first second. So the errors differ slightly.
+    # The recorded errors cover the whole flight, whereas the metrics leave out the first second, so they differ
+    # slightly.
     flight = simulate(variables["scenario"], compiled=True)
     assert rmse == pytest.approx(100.0 * flight.metrics.rmse, rel=0.05)
     assert largest == pytest.approx(100.0 * flight.metrics.peak_error, rel=0.05)

@@ -169,7 +169,7 @@ def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     assert on_board[0].lags
     identified, *others = considered_plants(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
     assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
-    # The derivative of the thrust curve is 18.27 N, and of the nominal curve 14.27 N.
+    # Slopes of the thrust curve over throttle: 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Plants with faster rotors have a faster attitude response.
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
@@ -182,7 +182,8 @@ def test_conditions_have_the_disturbances_and_noise_of_the_scenario(diagrams, lo
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = flight_conditions(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
+    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). An offset of the centre of mass
+    # by 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 

@@ -88,7 +88,7 @@ def test_a_crash_before_the_first_tick_of_the_metrics_is_reported():
 
 @pytest.mark.long
 def test_derivatives_include_the_learning_of_a_network(windy):
-    """The flight includes a reset of the covariance after the rise of 2.3 s."""
+    """The network resets its covariance at the end of the route's first leg, at 2.3 s."""
     learning = {
         "kind": "type_2",
         "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": "at_segments"},

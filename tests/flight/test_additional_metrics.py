@@ -193,7 +193,7 @@ def test_a_metric_of_a_signal_can_be_negative_only_if_signal_and_reduction_can_b
     assert range_of("mine", mine={"kind": rule, "of": signal}) == value_range
 
 
-def test_the_mean_of_a_fraction_is_a_fraction_and_its_integral_is_not():
+def test_the_mean_of_a_fraction_is_a_fraction_but_the_integral_of_a_fraction_is_not():
     @derived_signal("1", value_range="fraction")
     def darkness(time):
         return time * 0.0

@@ -117,7 +117,7 @@ def test_parts_of_foxglove_schemas_have_their_titles(messages):
     }
 
 
-def test_signals_are_written_with_the_names_of_their_rows(messages, flights):
+def test_signals_are_written_with_the_names_of_their_components(messages, flights):
     contents, schemas = messages
     for name, flight in flights.items():
         state = flight.record("state")

@@ -58,6 +58,7 @@ def nan_after_failure(time):
     return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
+# Scenario, part of the loop that the user's system replaces, and signal and component that become non-finite.
 FAILING_OUTPUTS = [
     ("hover", "position_controller", "acceleration_command", "y"),
     ("hover", "control", "wrench", "tau_x"),
