@@ -88,7 +88,7 @@ class Trace:
         self._outputs.clear()
 
     def updated_states(self, updates: Iterable[tuple[str, Any]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
-        """Return the new rows of state groups without applying the updates; the arguments are as in `advance`."""
+        """Return the new values of state groups without applying the updates; the arguments are as in `advance`."""
         after: dict[tuple[str, int], Rows] = {}
         for path, update in updates:
             for group, rows in update.compute(BlockView(self, path)).items():

@@ -183,8 +183,8 @@ class UncertainHover:
     def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
         """Return the spectral radii (K,) of the loops at scaled parameters (K, k); NaN without an equilibrium.
 
-        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. Loops that are
-        unstable or have no equilibrium are remembered.
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. The loop with
+        the smallest scale that is unstable or has no equilibrium is stored.
         """
         values = self._with_rigid_bodies(z)
         loops = self._loops(values, combinations, step)
@@ -213,7 +213,7 @@ class UncertainHover:
         return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
     def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return each of the parameters (K, k) with each combination of choices."""
+        """Return all pairs of scaled parameters (K, k) and a combination of choices, which is given by its index."""
         count = len(self.combinations)
         return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
 
@@ -242,7 +242,7 @@ class UncertainHover:
             self._exponents[i] = allowed[int(np.argmin(errors))]
 
     def loops_in(self, cells: list[tuple[Part, np.ndarray, np.ndarray]], points: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and remember failures.
+        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and store loops that fail.
 
         Args:
             cells: part, and lower and upper ends (k,) of the scaled parameters that act on it.
@@ -307,7 +307,8 @@ class UncertainHover:
         If states are given, the matrices contain only their rows and columns.
         """
         rows = np.hstack([values, self.combinations[combinations]])
-        # The delay lines of a fleet are as long as its longest delay, so each fleet contains the largest choices.
+        # The delay lines of a fleet are as long as its longest delay. Each fleet contains a loop with the largest choices,
+        # so that all system matrices have the same size.
         longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
@@ -349,7 +350,7 @@ class UncertainHover:
     def _probes(self) -> np.ndarray:
         """Return the loops (probes, combinations, 1 + k, n, n) at random points, and with each parameter changed there.
 
-        A loop without an equilibrium is replaced by that at the centre.
+        A loop without an equilibrium is replaced by the loop at the centre.
         """
         k, count = len(self.ranges), len(self.combinations)
         old, new = self.generator.uniform(-1.0, 1.0, (2, _NUM_PROBES, k))
@@ -363,7 +364,7 @@ class UncertainHover:
         return loops.reshape(_NUM_PROBES, 1 + k, *loops.shape[1:]).transpose(0, 2, 1, 3, 4)
 
     def _leave_out(self, inactive: np.ndarray) -> None:
-        """Leave out the ranges (k,) that have no effect on any loop, such as that of a quadratic drag at rest."""
+        """Leave out the ranges (k,) that have no effect on any loop, such as the range of a quadratic drag at rest."""
         if inactive.all():
             raise InputError("no random parameter acts on the loop in hover, so there is nothing to certify")
         removed = [each for each, left_out in zip(self.ranges, inactive, strict=True) if left_out]

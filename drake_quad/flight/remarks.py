@@ -226,7 +226,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
         }
         # A mapping with an implausible field is also implausible as a whole.
         questions |= found or {join_path(path, inner): clause for inner, clause in mapping.implausible_fields()}
-    # A vehicle has the values of `nominal` unless it gives others.
+    # Fields that `vehicle` does not set have the values of `nominal`.
     return [
         f"{path} {clause}"
         for path, clause in questions.items()

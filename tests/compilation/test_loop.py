@@ -13,6 +13,7 @@ from drake_quad.framework import elementary, scheduling
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.symbols import Listing
 
+# A vector register of the processor holds LANES vehicles.
 NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
@@ -107,7 +108,7 @@ def test_a_log_has_columns_for_whole_vectors_of_vehicles():
 
 
 def listing_with_late_uses():
-    """Return a listing in which numbers, truth values, words and parameters are used again much later."""
+    """Return a listing that uses numbers, truth values, integer words and parameters again after many operations."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)

@@ -273,7 +273,7 @@ def test_mutable_constants_are_never_shared():
             assert each.GetOutputPort("x").Eval(simulator.get_context()) == [4.0 * (1.0 + sum(by))]
 
 
-def test_events_differ_by_recorded_ports_and_number_of_ticks(new_loops):
+def test_events_with_other_recorded_ports_or_ticks_have_their_own_machine_code(new_loops):
     counts = []
     for options in ({}, {"record": True}, {"ticks": 3}, {"ticks": 3, "record": True}, {"ticks": 3, "tick": 0.01}):
         compile_diagram(diagram_of(), **options)

@@ -354,7 +354,7 @@ def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, desig
 
 
 @pytest.mark.slow
-def test_options_apply_to_their_axes():
+def test_design_options_apply_only_to_their_axes():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
     options = {
         "yaw": LoopOptions(PolePair(0.9), Requirements(phase=60.0)),

@@ -33,7 +33,7 @@ from drake_quad.linear.link_margins import link_loops, link_margins
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch
 
-NO_DISTURBANCE = DisturbanceStatistics(0.0, 0.0, 0.5)
+NO_DISTURBANCE = DisturbanceStatistics(mean=0.0, deviation=0.0, time=0.5)
 # The chain of lags and integrators is an exact model of a vehicle without drag.
 NO_DRAG = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 NO_DRAG_BUT_DELAYS = (*NO_DRAG, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
@@ -175,7 +175,7 @@ def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
 
 
-def test_conditions_have_the_disturbances_and_noise_of_the_scenario(diagrams, low_wind):
+def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagrams, low_wind):
     _, conditions = low_wind
     # When the shipped controller was designed, flights had a deviation of 0.205 m/s² and a time constant of 0.6 s.
     assert conditions.lateral.deviation == pytest.approx(0.19, abs=0.03)

@@ -10,6 +10,7 @@ from drake_quad.design import tuning
 from drake_quad.design.tuning import Budget, TuningParameter, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
+# Fields that are tuned together, and the smallest and the largest value that is tried.
 K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
 K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 HEIGHT_PARAMETER = TuningParameter(("control.position.k_p.2",), 1.0, 20.0)

@@ -19,6 +19,7 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.studies.comparison import fly_samples
 
+# Fields that are tuned together, and the smallest and the largest value that is tried.
 K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
 K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 

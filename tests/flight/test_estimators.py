@@ -10,6 +10,7 @@ from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.signals import Acceleration, Reference, State
 
 PD_GAINS = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
+# Model of the vehicle's response that the estimators use.
 RESPONSE = "response: {kind: commanded, lag: [0.25, 0.26, 0.07]}"
 HEAVY_VEHICLE_IN_WIND = [
     "vehicle.mass=0.71",

@@ -17,16 +17,17 @@ from drake_quad.signals import Acceleration, Wrench
 
 # First control tick at which the user's system returns a non-finite number, s.
 FAILURE_TIME = 0.3
-NUM_ROWS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
+# Number of components of each signal that the user's system may return.
+NUM_COMPONENTS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
 
 
 class Broken(LeafSystem):
-    """A system in plain Python that holds the vehicle in hover until its second output becomes non-finite."""
+    """A system in plain Python that holds a hover until the second component of its output becomes non-finite."""
 
     def __init__(self, signal, value=np.nan, num_vehicles=1, weight=0.68 * 9.81):
         super().__init__()
         n = num_vehicles
-        rows = NUM_ROWS[signal]
+        rows = NUM_COMPONENTS[signal]
 
         def write_output(context, output):
             values = np.zeros((rows, n))
@@ -42,7 +43,7 @@ class Broken(LeafSystem):
 
 @fleet_system(float)
 class BrokenFormula(FleetSystem):
-    """A controller with the same behaviour, written as a formula, which is compiled."""
+    """A controller with the same behaviour as `Broken`, written as a formula, which is compiled."""
 
     def declare(self, *, wrench=False):
         reads = self.input("measurement"), self.input("reference"), TIME

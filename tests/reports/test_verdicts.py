@@ -19,9 +19,9 @@ from drake_quad.reports.page import image
 from drake_quad.statistics.interval import Interval
 
 CLAIMS = [
-    Claim("a is less than b", "1 [0, 2]", "holds", "a rule", printed="2"),
-    Claim("c", "3", "does not hold", "r"),
-    Claim("d, e", "4", "does not hold", "r"),
+    Claim("a is less than b", evidence="1 [0, 2]", verdict="holds", rule="a rule", printed="2"),
+    Claim("c", evidence="3", verdict="does not hold", rule="r"),
+    Claim("d, e", evidence="4", verdict="does not hold", rule="r"),
 ]
 
 
