@@ -307,8 +307,8 @@ class UncertainHover:
         If states are given, the matrices contain only their rows and columns.
         """
         rows = np.hstack([values, self.combinations[combinations]])
-        # The delay lines of a fleet are as long as its longest delay. Each fleet contains a loop with the largest choices,
-        # so that all system matrices have the same size.
+        # The delay lines of a fleet are as long as its longest delay. Each fleet contains a loop with the largest
+        # choices, so that all system matrices have the same size.
         longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
