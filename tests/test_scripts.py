@@ -56,14 +56,14 @@ def test_the_help_of_a_tool_ends_with_an_example(run, tool):
 
 
 @tools
-def test_a_tool_imports_the_handler_of_interruptions_before_slow_modules(tool):
-    """The first import after those of the standard library is `running`, or `benchmark`, which imports it first."""
+def test_a_tool_handles_keyboard_interrupts_before_it_imports_slow_modules(tool):
+    """The first import after the standard library is `running`, or `benchmark`, which imports `running` first."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
     assert others[0] in ("drake_quad.command_line.running", "benchmark")
 
 
-def test_commands_import_the_handler_of_interruptions_first():
+def test_commands_handle_keyboard_interrupts_before_other_imports():
     text = (ROOT / "drake_quad" / "command_line" / "running.py").read_text(encoding="utf-8")
     imports = re.findall(r"^(?:import|from) ([\w.]+)", text, re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]

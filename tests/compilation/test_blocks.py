@@ -306,7 +306,7 @@ def test_a_diagram_without_periodic_events_is_refused():
     assert refused(connect) == "small cannot be compiled: it has no periodic events"
 
 
-def test_fleets_of_several_sizes_or_none_are_refused():
+def test_a_diagram_without_a_fleet_or_with_fleets_of_different_sizes_is_refused():
     def two(builder):
         return {
             f"{n}": builder.AddNamedSystem(f"counter_{n}", Counter(num_vehicles=n)).GetOutputPort("memory")

@@ -71,7 +71,7 @@ def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy_scenario)
     assert fleet.next_state("crash_time").crash_time.tolist() == [np.inf] * n
 
 
-def test_a_clock_stays_at_its_last_tick(windy_scenario):
+def test_the_clock_of_a_vehicle_stays_at_its_last_tick(windy_scenario):
     diagram = build_fleet_diagram(Batch.draw(windy_scenario, range(2)), plan_route(windy_scenario))
     fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=SELECTED_OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagram, range(2))

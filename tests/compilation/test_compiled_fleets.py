@@ -162,7 +162,7 @@ def test_a_controller_whose_period_does_not_match_the_other_periods_is_refused(d
         simulate(study, position_controller=SlowPd(period=0.015), compiled=True)
 
 
-def test_a_continuous_vehicle_is_refused(diagrams):
+def test_a_vehicle_with_a_continuous_state_cannot_be_compiled(diagrams):
     study = load_scenario(diagrams / "hover.yaml", ["vehicle.time_step=0"])
     with pytest.raises(InputError, match=r"^laboratory.vehicle, a Quadrotor, cannot be compiled: its state is contin"):
         simulate(study, compiled=True)

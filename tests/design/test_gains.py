@@ -512,7 +512,7 @@ def test_gains_of_a_design_are_listed_axis_by_axis(pitch):
 
 
 @pytest.mark.slow
-def test_equal_axes_share_their_gains():
+def test_axes_with_equal_plants_have_equal_gains():
     """Roll and pitch gains are equal even on an asymmetric vehicle, because commands are accelerations."""
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
     options = default_options(0.02)
@@ -570,7 +570,7 @@ def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeyp
     assert gains == pytest.approx((frequency**2, 1.6 * frequency))
 
 
-def test_a_regulator_s_gains_are_found_to_four_digits():
+def test_the_gains_of_a_regulator_are_found_to_four_digits():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     for effort in (0.5, 20.0):
         K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)

@@ -82,7 +82,7 @@ def loop_transfer(loop, actual_plant, timing):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "plant"), [(NO_DRAG, (0, 1)), (NO_DRAG_BUT_DELAYS, (1, 2))])
-def test_the_loop_of_an_axis_equals_that_of_the_whole_diagram(shipped, overrides, plant):
+def test_the_loop_of_an_axis_equals_the_loop_of_the_whole_diagram(shipped, overrides, plant):
     scenario = shipped(*overrides)
     conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
     axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), conditions)
@@ -153,7 +153,7 @@ def test_an_unstable_loop_has_an_infinite_error(shipped):
         assert prediction.pole > 1.0
 
 
-def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
+def test_considered_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     drawn = considered_plants(load_scenario(f"{diagrams}/robustness.yaml"))
     assert {(each.latency_frames, each.delay_ticks) for each in drawn[1:]} == {(0, 1), (1, 3)}
     assert sorted({round(each.lag, 4) for each in drawn}) == [0.035, 0.055, 0.075]
@@ -188,7 +188,7 @@ def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagra
     assert 5.0 < bad_day.bias < 14.0
 
 
-def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(diagrams):
+def test_a_vehicle_with_an_identified_attitude_response_is_designed_for_the_smallest_bias(diagrams):
     """A design assumes the same bias as in a calm and ideal laboratory, the smallest one."""
     identified = flight_conditions(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
@@ -419,7 +419,7 @@ def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
 
 
 @pytest.mark.long
-def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
+def test_a_design_depends_on_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
     """The scenario has no autopilot, and all designs satisfy the limits."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])

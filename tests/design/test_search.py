@@ -210,7 +210,7 @@ def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flight
     assert result.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
-def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights):
+def test_only_crashes_count_in_flights_with_late_camera_frames(laboratory, stub_flights):
     """The extra latency of 30 ms is three frames. Flights with this latency crash only in the second laboratory."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
@@ -272,7 +272,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
     np.testing.assert_allclose(np.sort([gain for _, gain in checked[:16]]), best)
 
 
-def test_gains_of_an_earlier_search_are_a_candidate(laboratory, stub_flights):
+def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, stub_flights):
     """Previous gains compete although no drawn candidate is near them. Gains out of range are clipped."""
     stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
@@ -357,7 +357,7 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
     assert doubts[1::2] == doubts[::2]
 
 
-def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
+def test_in_two_dimensions_the_limit_is_predicted_from_four_or_more_points():
     known = tuning._EvaluatedPoints(2)
     candidate = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):

@@ -126,7 +126,7 @@ def test_poles_of_delay_lines_do_not_count_for_the_damping():
 
 
 @pytest.mark.long
-def test_a_map_of_a_scenario_with_a_sample_uses_the_sample_s_parameters(scenario):
+def test_a_map_of_a_scenario_with_a_sample_uses_the_parameters_of_the_sample(scenario):
     drawn = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )

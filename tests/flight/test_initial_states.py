@@ -104,6 +104,6 @@ def test_the_overshoot_is_the_largest_error_opposite_to_the_initial_error():
         ({"frame": "body"}, r"initial\.frame"),
     ],
 )
-def test_wrong_initial_states_are_refused(initial, message):
+def test_invalid_initial_states_are_refused(initial, message):
     with pytest.raises(InputError, match=message):
         started(initial)

@@ -99,7 +99,7 @@ FIRST_CAUSES = [
 
 
 @pytest.mark.parametrize(("failures", "user_systems", "sentence"), FIRST_CAUSES)
-def test_the_cause_is_the_earliest_failure_and_at_equal_ticks_the_one_computed_first(failures, user_systems, sentence):
+def test_the_cause_of_a_crash_is_the_signal_that_was_non_finite_first(failures, user_systems, sentence):
     """Signals are recorded in the order of their computation, except for the signals of the vehicle."""
     rows = {
         "acceleration_command": 3,
@@ -136,7 +136,7 @@ def test_the_cause_of_a_crash_survives_a_round_trip_through_files(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_diverges_or_turns_over_has_no_cause():
+def test_a_crash_with_finite_signals_has_no_reported_cause():
     """The vehicle diverges without damping, and turns over with a gain of 1e9. All signals are finite."""
     off_centre = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
     for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):
