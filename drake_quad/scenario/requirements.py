@@ -87,9 +87,9 @@ class Requirement(Model):
         description="condition that must hold at one tick of the window; up to this tick, the condition of `always`"
         " must hold from the start of the flight",
     )
-    after: FixedMoment = Field(default=0.0, description="start of the window (s)")
+    after: FixedMoment = Field(default=0.0, description="start of the time window of the requirement (s)")
     before: FixedMoment | None = Field(
-        default=None, description="end of the window (s); the end of the flight if not given"
+        default=None, description="end of the time window of the requirement (s); the end of the flight if not given"
     )
 
     @model_validator(mode="after")
