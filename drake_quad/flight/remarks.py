@@ -30,7 +30,7 @@ _MIN_NUM_SIGMAS = 5.0
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
-_MAX_CHANGE_LENGTH = 120  # characters of a path with its old and new value
+_MAX_CHANGE_LENGTH = 120  # largest length of a text with the path of a field, its old value and its new value
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal random variable is more than one standard deviation below its mean.
@@ -211,7 +211,7 @@ def _deviation(value: Any) -> float:
 
 
 def _implausible_values(scenario: Scenario) -> list[str]:
-    """Return a question on each value that has probably been given in another unit."""
+    """Return a remark, in the form of a question, on each value that has probably been given in another unit."""
     tick = scenario.laboratory.command_link.period
     questions: dict[str, str] = {}
     for path, mapping in mappings_in(scenario):
@@ -226,7 +226,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
         }
         # A mapping with an implausible field is also implausible as a whole.
         questions |= found or {join_path(path, inner): clause for inner, clause in mapping.implausible_fields()}
-    # A vehicle has the values of `nominal` unless it gives others.
+    # Fields that `vehicle` does not set have the values of `nominal`.
     return [
         f"{path} {clause}"
         for path, clause in questions.items()

@@ -359,14 +359,14 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
 class MetricWindow(Model):
     """Metrics of a flight: the time window in which they are computed, and additional metrics."""
 
-    start: FixedMoment = Field(default=0.0, description="start of the window (s)")
+    start: FixedMoment = Field(default=0.0, description="start of the metric window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
         default=None,
         description="first lap of the window, in place of `start`; the window then ends with the last lap of the route,"
         " and a route without laps is one lap",
     )
     end: FixedMoment | None = Field(
-        default=None, description="end of the window (s); the end of the flight if not given"
+        default=None, description="end of the metric window (s); the end of the flight if not given"
     )
 
     additional: dict[str, AnyMetric] = Field(
@@ -504,7 +504,7 @@ class Scenario(Mission):
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
     draws: DesignedDraws | None = Field(
-        default=None, description="design of a study's draws; independent draws if not given"
+        default=None, description="sampling design of a study; independent random samples if not given"
     )
 
     def _summary(self) -> list[str]:

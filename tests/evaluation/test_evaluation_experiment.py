@@ -84,7 +84,7 @@ def test_certificates_equal_those_of_certify_hover_or_have_a_reason_why_they_are
     assert found == (expected.stable_scale, expected.unstable.scale, "")
     learning = load_scenario("hover", [lag], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     for scenario, compiled, reason in (
-        (learning, True, "has poles at 1 in hover, as the weights of a network that learns"),
+        (learning, True, "has poles at 1 in hover, for example those of a learning network's weights"),
         (load_scenario("hover"), True, "there is nothing to certify"),
         (late, False, "cannot be compiled"),
     ):

@@ -53,7 +53,7 @@ def scenario(diagrams):
 @pytest.mark.long
 @for_each_autopilot
 def test_compiled_uncompiled_and_single_flights_agree(scenario, kind):
-    """The flights are equal to the bit. Each vehicle has its own parameters, noise and delay."""
+    """The flights are bitwise equal. Each vehicle has its own parameters, noise and delay."""
     flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=1"), range(3)))
     assert len({flight.metrics.rmse for flight in flights}) == 3
     for sample in (1, 2):

@@ -72,7 +72,7 @@ def test_initial_states_are_drawn_for_each_sample_of_a_study():
     assert len(np.unique(study.parameters["initial.velocity.0"])) == 6
 
 
-def test_a_responding_vehicle_turns_at_its_initial_body_rates():
+def test_a_vehicle_with_an_identified_attitude_response_has_its_initial_body_rates():
     scenario = load_scenario(
         "neural_fly:still", [{"initial": {"attitude": [0.3, 0.2, 0.1], "body_rates": [1.0, 2.0, 3.0]}}]
     )
@@ -104,6 +104,6 @@ def test_the_overshoot_is_the_largest_error_opposite_to_the_initial_error():
         ({"frame": "body"}, r"initial\.frame"),
     ],
 )
-def test_wrong_initial_states_are_refused(initial, message):
+def test_invalid_initial_states_are_refused(initial, message):
     with pytest.raises(InputError, match=message):
         started(initial)

@@ -22,9 +22,9 @@ class InputSets(Model):
     scale: Positive = Field(default=1.0, description="factor by which the input is multiplied (1 over its unit)")
     centres: _Centres = Field(
         default=(-1.0, 0.0, 1.0),
-        description="centre c of each set, ascending (1); inputs are limited to the range from the first to the last",
+        description="centre c of each fuzzy set, ascending (1); inputs are clipped to the range of the centres",
     )
-    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="width d of each set (1)")
+    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="width d of each fuzzy set (1)")
 
     @model_validator(mode="after")
     def _covered(self) -> "InputSets":
@@ -55,9 +55,9 @@ class CircularInputSets(InputSets):
         default=1.0, description="factor by which the input is multiplied; it is also the period of the centres"
     )
     centres: _Centres = Field(
-        default=(0.0, 0.25, 0.5, 0.75), description="centre c of each set, ascending, within one period (1)"
+        default=(0.0, 0.25, 0.5, 0.75), description="centre c of each fuzzy set, ascending, within one period (1)"
     )
-    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="width d of each set (1)")
+    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="width d of each fuzzy set (1)")
 
     def record(self) -> inference.Sets:
         """Return the fuzzy sets as parameters for the systems of a network."""

@@ -33,7 +33,7 @@ class _Network(Model):
     kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="axes that have a network")
     inputs: NetworkInputs = Field(
-        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of its rules"
+        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of the network's rules"
     )
     lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
