@@ -66,7 +66,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             options: ignored.
 
         Returns:
-            The observation (rows,) and an empty dictionary.
+            The observation (components,) and an empty dictionary.
 
         Raises:
             InputError: if the seed is negative, too large, or not a whole number.
@@ -76,7 +76,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation[0], infos
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Simulate one tick for an action (rows,), and return the results that Gymnasium defines.
+        """Simulate one tick for an action (components,), and return the results that Gymnasium defines.
 
         Raises:
             InputError: if `QuadrotorVectorEnv.step` raises it.

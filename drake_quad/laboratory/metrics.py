@@ -174,8 +174,8 @@ class Metric(NamedTuple):
 
     @property
     def value_of_crash(self) -> float:
-        """Value that a crash counts as in quantiles and comparisons: infinitely bad."""
-        return -math.inf if self.larger_is_better else math.inf
+        """Infinite value that represents a crashed flight in quantiles and comparisons, so that it is worse than any
+        other.""" return -math.inf if self.larger_is_better else math.inf
 
     @property
     def infinities_with_crash(self) -> tuple[str, str]:
@@ -238,7 +238,7 @@ class SaturationSums(NamedTuple):
 
 
 def add_shortfall(sums: SaturationSums, shortfall: Wrench) -> SaturationSums:
-    """Add a tick with the part of the wrench that the rotors cannot produce."""
+    """Count a tick as saturated if `shortfall`, the part of the wrench that the rotors cannot produce, is not zero."""
     complete = True
     for part in shortfall:
         complete = complete & (part == 0.0)

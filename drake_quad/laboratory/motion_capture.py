@@ -277,7 +277,7 @@ def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_aft
 
 
 def _zero_state(_: CameraParameters) -> State:
-    """Return the initial state, zero in all rows, which the first frame replaces."""
+    """Return an initial state whose values are all zero; the first frame replaces it."""
     return State(*(0.0,) * len(State._fields))
 
 

@@ -44,7 +44,7 @@ class ExperimentSizes(NamedTuple):
     Attributes:
         cells: number of samples of each cell.
         recorded: number of samples of each cell of Table II for which all signals are recorded.
-        sweep: number of samples of each setting of noise, q and λ.
+        sweep: number of samples for each value of the noise, the weight q of the lower memberships or the slope λ.
         grid: number of gains along each side of a map.
         map: number of samples of each pair of gains in a map.
         legs: number of samples of each pair of gains in the sweep that computes errors leg by leg.
@@ -62,7 +62,7 @@ QUICK = ExperimentSizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
 
 
 class SweepPlan(NamedTuple):
-    """Plan of a sweep of the experiment.
+    """Plan of a parameter sweep of the experiment.
 
     Attributes:
         cell: cell whose scenario is flown.
@@ -79,7 +79,7 @@ class SweepPlan(NamedTuple):
     max_vehicles: int = _MAX_VEHICLES
 
     def jobs(self, name: str, scenario: Scenario, *, compiled: bool) -> list[Job]:
-        """Return the jobs that fly the sweep, each with as many settings as fit into a fleet.
+        """Return the jobs that simulate the sweep, each with as many settings as fit into a fleet.
 
         Args:
             name: name of the jobs.

@@ -28,7 +28,7 @@ from drake_quad.signals import SIGNALS, Number, Row, Time, Valid, valid_signal
 
 
 class SensorMemory(NamedTuple):
-    """State equation of a sensor.
+    """State equation of a sensor, whose internal state is called its memory.
 
     Attributes:
         start: function that returns the memory at the first reading. Its arguments are those of the law's formula
@@ -66,9 +66,9 @@ class SensorLaw(NamedTuple):
         errors_that_read: further input signals by the name of the error that needs them, as pairs. The formula receives
             None for the signal if the error is switched off.
         memory: state equation of the sensor; None for a sensor without a memory.
-        noise: function that returns an example of the noise, a record with a row for each standard normal number of a
-            reading, given the parameters. By default, the noise has the type `reading`. A formula receives None if
-            there is no noise.
+        noise: function that returns a record of zeros with one component for each standard normal sample that a reading
+            needs, given the parameters. By default, the noise has the type `reading`. A formula receives None if there
+            is no noise.
         can_miss: True if the formula returns a `Sample`.
     """
 
@@ -126,7 +126,7 @@ class Dropout(NamedTuple):
 
 
 class _Structure(NamedTuple):
-    """Properties of a sensor that its formulas need.
+    """Properties of a `Sensor` on which its state equations depend.
 
     Attributes:
         law: measurement law.
@@ -170,7 +170,7 @@ def first_reading(
     time: Row,
     *signals: Any,
 ) -> tuple[Any, ...]:
-    """Return the initial states of a `Sensor`. If the first reading is missing, all its rows are zero."""
+    """Return the initial states of a `Sensor`. If the first reading is missing, all its components are zero."""
     law = structure.law
     memory = None if law.memory is None else law.memory.start(parameters, noise, *signals)
     sample = structure.sample(memory, parameters, noise, signals)

@@ -109,12 +109,12 @@ def rotor_forces(rotor: Any, unbalance: Row) -> tuple[Vector, Vector, Vector]:
 
 
 def first_phases(vibration: Vibration, speed: RotorSpeed) -> RotorPhases:
-    """Return the phases at the first reading."""
+    """Return the phases of the rotors at the first reading."""
     return RotorPhases(vibration.initial_phases, speed)
 
 
 def next_phases(vibration: Vibration, phases: RotorPhases, speed: RotorSpeed) -> RotorPhases:
-    """Return the phases at the next reading, by the trapezoidal rule."""
+    """Return the phases of the rotors at the next reading, by the trapezoidal rule."""
     half = 0.5 * vibration.period
     turned = (
         wrap_angle(phase + half * (before + now))
