@@ -202,7 +202,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray | Sequence[Any]) -> StepResult:
-        """Simulate all vehicles for one tick, for actions (N, components), and return the results that Gymnasium defines.
+        """Simulate one tick for actions (N, components) of all vehicles, and return the results that Gymnasium defines.
 
         The flight uses actions clipped to the action space, for example if they are samples of a normal distribution.
         Rewards and observations use the original actions.

@@ -93,8 +93,8 @@ def scalar_signal(name: str) -> ScalarSignal:
             f"{short_repr(name)} is not a component of the signal {signal}; its components are {rows_text}"
         )
     raise InputError(
-        f"{short_repr(name)} is neither a component of a signal, such as state.z, nor a derived signal; derived signals are"
-        f" {join_names([*DERIVED_SIGNALS])}"
+        f"{short_repr(name)} is neither a component of a signal, such as state.z, nor a derived signal; derived"
+        f" signals are {join_names([*DERIVED_SIGNALS])}"
     )
 
 

@@ -174,8 +174,8 @@ class Metric(NamedTuple):
 
     @property
     def value_of_crash(self) -> float:
-        """Infinite value that represents a crashed flight in quantiles and comparisons, so that it is worse than any
-        other.""" return -math.inf if self.larger_is_better else math.inf
+        """Infinite value that replaces the metric of a crashed flight in quantiles and comparisons."""
+        return -math.inf if self.larger_is_better else math.inf
 
     @property
     def infinities_with_crash(self) -> tuple[str, str]:

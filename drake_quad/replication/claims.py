@@ -152,8 +152,8 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
 
 
 def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
-    """Judge the claim that the PD's output tends to zero as the network learns, and increases where a new route segment
-    begins.""" fades, returns = (
+    """Judge the claim that the PD's output tends to zero as the network learns, and increases at each new segment."""
+    fades, returns = (
         {cell: _mean(experiment.recorded[cell][measure]) for cell in select_cells(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
     )

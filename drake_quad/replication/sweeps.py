@@ -46,7 +46,7 @@ def num_rows(columns: Mapping[str, np.ndarray]) -> int:
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return all pairs of rows from two groups of columns. The row of the second group varies faster."""
+    """Return the columns of a table with all pairs of rows of two tables. The row of the second table varies faster."""
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}

@@ -250,7 +250,7 @@ def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
 
 
 def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
-    """Return the limits of a sum without its contribution from yaw torque, which is between zero and `yaw`."""
+    """Return the limits of a sum minus the contribution of yaw torque, which can be anything between zero and `yaw`."""
     return lower - maximum(yaw, 0.0), upper - minimum(yaw, 0.0)
 
 

@@ -35,7 +35,7 @@ class IntegratedAttitude(Protocol):
 
     @property
     def start(self) -> Any:
-        """Coordinates at the start of the step, a record of rows."""
+        """Coordinates at the start of the step, a record."""
 
     def axes(self, coordinates: Any) -> BodyAxes:
         """Return the axes of B in W."""

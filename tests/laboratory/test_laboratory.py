@@ -49,7 +49,7 @@ def recorded_output(system, output, size, duration, period=0.005, column=0):
 
 
 def latest_sample_time(times, period):
-    """Return the latest multiple of the period before each time, when the sample was taken that an update reads."""
+    """Return the time of the sample that an update at each time reads: the latest earlier multiple of the period."""
     ticks = np.round(times / period, 6)
     return np.maximum(np.ceil(ticks) - 1, 0) * period
 

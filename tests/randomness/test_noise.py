@@ -31,7 +31,7 @@ class SourceOfOneStream:
         self.source = NoiseSource(num_vehicles=len(samples.indices), streams=[stream], parameters=samples)
 
     def at(self, time):
-        """Return the numbers (rows · N,) at a time, s."""
+        """Return the (n · N,) numbers at a time (s), for n numbers per vehicle."""
         return source_numbers(self.source, time)
 
 
@@ -40,7 +40,7 @@ def numbers_of(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
 
 
 def source_numbers(source, time, context=None):
-    """Return the numbers (rows · N,) of a source at a time, s."""
+    """Return the (n · N,) numbers of a source at a time (s), for n numbers per vehicle."""
     context = context or source.CreateDefaultContext()
     context.SetTime(time)
     return source.get_output_port().Eval(context)

@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 
 
 def numbers_of(states, ticks, *, normal):
-    """Return the numbers (ticks, N) of streams with one row, computed by machine code."""
+    """Return the numbers (ticks, N) of streams with one number per tick, computed by machine code."""
     halves = np.concatenate(StreamState.of(states))
     arguments = layout_of(StreamState), CurrentTick(1.0), 1, normal
     run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), single_vehicle=False)
@@ -32,7 +32,7 @@ def numbers_of(states, ticks, *, normal):
 
 
 def normal_pairs(states, count):
-    """Return the normal numbers (2, count, N) of the first words."""
+    """Return the normal numbers (2, count, N) of the first `count` 64-bit words of each stream."""
     return numbers_of(states, range(2 * count), normal=True).reshape(count, 2, -1).swapaxes(0, 1)
 
 

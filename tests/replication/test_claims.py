@@ -424,8 +424,8 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
     Args:
         cells: results by (wind or None for all, controller, metric).
         recorded: results of PD+T2FNN without wind, by name.
-        noise: RMSE by (row of the noise amplitude, exponents).
-        fractions: RMSE by (row of q, exponents).
+        noise: RMSE by (index of the noise amplitude, exponents).
+        fractions: RMSE by (index of the value of q, exponents).
         slope: smallest RMSE over the slopes.
     """
 

@@ -177,7 +177,7 @@ def test_a_resumed_cell_is_identical(tmp_path):
 
 
 def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
-    """The flights are replaced by their arguments."""
+    """In place of flights, the test writes numbers that depend on the arguments of each flight."""
     sizes = ExperimentSizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
@@ -265,7 +265,7 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
 
 
 def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
-    """Existing rows are kept."""
+    """A second call with more samples keeps the existing results, and flies only the missing samples."""
     sizes = []
 
     def fly_and_tell(job, samples):

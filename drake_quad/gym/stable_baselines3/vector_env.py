@@ -49,8 +49,9 @@ class StableVectorEnv(VecEnv):
         """Simulate the step with the actions of `step_async`.
 
         Returns:
-            Observations (N, components), rewards (N,), Booleans (N,) that are True if an episode has ended, and a dictionary
-            for each vehicle. It contains the infos that Stable-Baselines3 defines, and `flight` from Gymnasium's infos.
+            Observations (N, components), rewards (N,), Booleans (N,) that are True if an episode has ended, and a
+            dictionary for each vehicle. The dictionary contains the infos that Stable-Baselines3 defines, and `flight`
+            from Gymnasium's infos.
         """
         assert self._actions is not None
         observations, rewards, terminations, truncations, vector_infos = self.envs.step(self._actions)

@@ -163,9 +163,10 @@ def inertial_noise(parameters: Any) -> InertialNoise:
 def first_memory(
     errors: InertialErrors, noise: InertialNoise | None, measured: Vector, rotor_speed: RotorSpeed | None
 ) -> InertialMemory:
-    """Return the internal state of an inertial sensor at the first reading; `measured` is the vector that it
-    measures.""" drift = errors.bias_instability numbers = None if noise is None else noise.bias_instability return
-    InertialMemory(
+    """Return the internal state of a sensor at its first reading; `measured` is the vector that the sensor measures."""
+    drift = errors.bias_instability
+    numbers = None if noise is None else noise.bias_instability
+    return InertialMemory(
         None if drift is None or numbers is None else stationary([drift.deviation] * 3, numbers),
         None if errors.bias_random_walk is None else _ZERO,
         None if errors.temperature_coefficient is None else 0.0,
@@ -181,7 +182,7 @@ def next_memory(
     measured: Vector,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the internal state of an inertial sensor at the next reading."""
+    """Return the internal state of a sensor at the next reading; `memory` is the state at the previous one."""
     drift, walk, warm_up, filtered, phases = memory
     if errors.bias_instability is not None and noise is not None:
         deviation, correlation = errors.bias_instability
@@ -251,5 +252,5 @@ def _digital(value: Row, full_scale: Row | None, resolution: Row | None) -> Row:
 
 
 def walk_step(density: Row, period: float) -> Row:
-    """Return the standard deviation K √h of the change of a random walk in a period h, s, given its `density` K in
-    unit/√s.""" return density * math.sqrt(period)
+    """Return the standard deviation K √h of the change of a random walk in a period h (s), given K in unit/√s."""
+    return density * math.sqrt(period)

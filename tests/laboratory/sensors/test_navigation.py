@@ -49,7 +49,7 @@ def moving(seed):
     ],
 )
 def test_readings_have_white_noise_of_the_given_deviation(kind, settings, deviation):
-    """Readings, rows and vehicles are independent. Limits are four standard errors."""
+    """Noise is independent between readings, components and vehicles. The tolerances are four standard errors."""
     law = SENSORS.get(kind).law
     signals = HOVER, *[None] * len(law.errors_that_read)
     readings = series(law, parameters_of(kind, **settings), lambda k: signals, 50, 400, seed=8)
@@ -123,14 +123,14 @@ def test_the_antenna_moves_with_the_vehicle():
     np.testing.assert_allclose(fix[3:], np.array(state[6:9]) + speed, atol=1e-8)
 
 
-def test_the_noise_of_satellite_navigation_has_the_deviation_of_each_row():
+def test_the_noise_of_satellite_navigation_has_the_deviation_of_each_component():
     parameters = parameters_of("gnss", position_noise=[0.5, 0.6, 0.9], velocity_noise=[0.05, 0.06, 0.09])
     readings = series(GNSS, parameters, lambda k: (HOVER,), 50, 400, seed=2)
     np.testing.assert_allclose(readings.std(axis=(0, 2)), [0.5, 0.6, 0.9, 0.05, 0.06, 0.09], rtol=0.03)
 
 
 def test_the_barometer_reads_low_in_wind_and_at_the_ground():
-    """A pressure error of half of the dynamic pressure at 10 m/s lowers the height by 0.5 v² / 2g = 2.55 m."""
+    """A pressure error of half of the dynamic pressure at 10 m/s lowers the reading by 0.5 v² / 2g = 2.55 m."""
     memory = BAROMETER.memory.start(parameters_of("barometer"), None, HOVER, None)
     windy = parameters_of("barometer", dynamic_pressure=0.5)
     state = HOVER._replace(v_x=6.0)
@@ -180,7 +180,7 @@ def test_optical_flow_is_the_velocity_over_the_height():
 
 
 def test_a_vehicle_that_turns_in_place_has_the_flow_of_the_lever_arm():
-    """A camera in front of the axis moves sideways at r times its distance. A camera on the axis sees no flow."""
+    """A camera in front of the yaw axis moves sideways at the yaw rate times its distance, one on the axis does not."""
     turning = HOVER._replace(r=0.8, yaw=2.0)
     (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning)
     np.testing.assert_allclose([x, y], [0.0, 0.3 * 0.8 / 1.5], atol=1e-12)
@@ -188,8 +188,8 @@ def test_a_vehicle_that_turns_in_place_has_the_flow_of_the_lever_arm():
     assert (x, y) == (0.0, 0.0)
 
 
-def test_optical_flow_is_the_motion_of_the_point_below_in_the_image():
-    """The point of the ground on the axis of the camera moves in the axes of the body by finite differences."""
+def test_optical_flow_is_the_motion_of_a_point_of_the_ground_in_the_image():
+    """The expected motion of the point of the ground on the axis of the camera is computed by finite differences."""
     state, step = moving(7), 1e-6
     flow, _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, state)
     down = rotation(state).apply([0.0, 0.0, -1.0])
@@ -221,7 +221,7 @@ def test_ranges_to_four_anchors_yield_the_position_of_the_antenna():
 
 
 def test_outliers_of_a_range_are_too_long_and_have_their_probability():
-    """The mean of an outlier is √(2/π) of its size. Other readings are exact."""
+    """The mean of an outlier is √(2/π) times its standard deviation. Other readings are exact."""
     parameters = parameters_of("uwb_range", outlier_rate=0.05, outlier_size=0.6)
     errors = series(UWB_RANGE, parameters, lambda k: (HOVER,), 20, 2000, seed=5) - 1.5
     share, n = np.mean(errors > 0.0), errors.size

@@ -70,8 +70,8 @@ def test_sampled_covariances_agree_with_the_continuous_process(period):
 
 
 @pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
-def test_a_long_record_has_the_given_standard_deviation(period, duration):
-    """The standard deviation is taken over 3,000 vehicles and the whole record."""
+def test_a_long_flight_in_turbulence_has_the_given_standard_deviation(period, duration):
+    """The standard deviation is taken over 3,000 vehicles and all samples."""
     n = 3000
     builder = DiagramBuilder()
     turbulence = DrydenTurbulence(num_vehicles=n, period=period, parameters=TurbulenceParameters(NEAR_GROUND))
