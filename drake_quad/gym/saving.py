@@ -159,7 +159,7 @@ def evaluate_layers(
     scale: np.ndarray | None = None,
     limit: float | None = None,
 ) -> np.ndarray:
-    """Return a network's actions (k, components), saturated at ±1, for observations (k, components); see `save_policy`."""
+    """Return the actions of a network for k observations, (k, components), saturated at ±1; see `save_policy`."""
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
     specified = [Layer(*each) for each in layers]
     neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in specified])

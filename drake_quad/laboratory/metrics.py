@@ -144,8 +144,8 @@ class Metric(NamedTuple):
         label: label in tables and plots.
         accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
         value: function that returns the (N,) values of the metric. Its arguments are the record of the sums with (N,)
-            rows, the (N,) numbers of ticks, which are NaN instead of 0, and the duration of a tick, s. For a metric of
-            a recorded flight, the function returns the metric of a flight.
+            values, the (N,) numbers of ticks, which are NaN instead of 0, and the duration of a tick, s. For a metric
+            of a recorded flight, the function returns the metric of a flight.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
         value_range: range of the metric. Intervals do not extend beyond it, and only metrics that cannot be negative

@@ -178,7 +178,7 @@ def next_frame(
 
     Args:
         state: true state of the vehicle.
-        out: available frame before the update.
+        out: frame that the output contained before the update.
         in_transit: earlier frames that are not yet available, the latest one first.
         before: pose two frames before this one; None without a filter.
         drift: velocity drift in the previous frame; None if there is no drift.

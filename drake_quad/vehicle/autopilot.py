@@ -126,7 +126,7 @@ class AutopilotParameters(NamedTuple):
 
 
 class LoopRules(NamedTuple):
-    """Variants of the loops.
+    """Variants of the attitude loop and of the rate loop.
 
     Attributes:
         gyroscopic: True if the gyroscopic torque ω × I ω is added.

@@ -48,7 +48,7 @@ def runge_kutta_step(start: Any, derivative: Callable[[int, Any, Any], Any], tim
 
 
 def euler_step(state: Any, derivative: Any, time: Row) -> Any:
-    """Advance a value or a record of values by a time (s) with a constant derivative; a field that is None stays None."""
+    """Advance a value or a record by a time (s) with a constant derivative; a field that is None stays None."""
     if state is None:
         return None
     if not isinstance(state, tuple):

@@ -111,7 +111,7 @@ def test_extreme_words_give_finite_numbers(word):
 
 
 @pytest.mark.slow
-def test_consecutive_ticks_neighbouring_vehicles_and_pairs_are_independent(states):
+def test_numbers_of_consecutive_ticks_of_neighbouring_vehicles_and_in_a_pair_are_independent(states):
     numbers = normal_pairs(states, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)
     for a, b in (

@@ -43,7 +43,7 @@ NO_CAMERA_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise:
 
 
 def wrench_of(noise, parameters):
-    """Return the wrench of an autopilot without memory."""
+    """Return the wrench of an autopilot without an internal state."""
     wrench, memory = autopilot_step(TARGET, STATE, noise, parameters, None, 0.0025)
     assert memory is None
     return wrench

@@ -84,7 +84,7 @@ def test_speed_factors_combine_battery_and_failure():
 def test_battery_sag_reduces_all_rotor_speeds_linearly_in_time(time_step):
     vehicle = vehicle_with_faults(RotorFaults(battery_sag=0.02), time_step=time_step)
     _, speeds = state_and_speeds_after(vehicle, [200.0] * 4, 5.0)
-    # The rotors lag a command that decreases by 4 rad/s².
+    # The rotors lag behind a command that decreases by 4 rad/s².
     np.testing.assert_allclose(speeds, 200.0 * (1.0 - 0.02 * 5.0) + 4.0 * 0.05, atol=0.03)
 
 

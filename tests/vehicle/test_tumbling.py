@@ -223,8 +223,8 @@ def test_derivatives_are_finite_at_a_pitch_of_90_degrees():
 
 @pytest.mark.parametrize("integrator", ["default", "of a flight"])
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
-def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
-    """An integrator with error control either resolves the half-turns of roll and yaw in its steps, or refuses."""
+def test_a_continuous_state_turns_over_correctly_or_its_integrator_raises_an_error(integrator, yaw_rate):
+    """An integrator with error control either resolves the half-turns of roll and yaw, or raises an error."""
     flip = flip_at(yaw_rate)
     vehicle = Quadrotor(time_step=0.0, parameters=QuadrotorConfig(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)

@@ -85,7 +85,8 @@ class FaultKind(NamedTuple):
     """Kind of a sensor fault.
 
     Attributes:
-        is_reported: True if lost readings are not valid; False if the sensor repeats its reading as if it were new.
+        is_reported: True if the sensor reports lost readings as not valid; False if it repeats its last reading as if
+            it were new.
         is_random: True if readings are lost at random.
     """
 
@@ -200,7 +201,7 @@ def next_reading(
 
     Args:
         structure: properties of the sensor.
-        out: available reading before the update; None for a sensor that cannot miss readings.
+        out: reading that the output contained before the update; None for a sensor that cannot miss readings.
         in_transit: earlier readings that are not yet available, the latest one first.
         valid_in_transit: validity of these readings.
         memory: memory at the previous reading.

@@ -146,7 +146,7 @@ def vibration_rate(vibration: Vibration, phases: RotorPhases, bandwidth: Row | N
 
 
 def _lines(phase: Angle, speed: RotorRate, num_harmonics: int, bandwidth: Row | None) -> list[tuple[Row, Row]]:
-    """Return cos kφ and sin kφ for the harmonics k = 1, 2, ..., at least for k = 1, filtered by the sensor."""
+    """Return cos kφ and sin kφ for the harmonics k = 1, 2, ... (at least k = 1), after the sensor's low-pass filter."""
     sine, cosine = sin_cos(phase)
     c, s = cosine, sine
     lines = [(c, s)]
