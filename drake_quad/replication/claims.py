@@ -264,7 +264,7 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
 
 
 def near_best_fraction(sweep: Sweep) -> np.ndarray:
-    """Return the fraction (samples,) of the gains without a crash whose error is at most 1.2 times the smallest error."""
+    """Return the fraction (samples,) of gains without a crash whose error is at most 1.2 times the smallest error."""
     rmse = _errors(sweep)
     best = np.nanmin(rmse, axis=0)
     fractions: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)

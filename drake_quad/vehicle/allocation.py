@@ -154,7 +154,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
         tau_z: commanded yaw torque, N m.
         low: smallest squared speed, rad²/s².
         high: largest squared speed, rad²/s².
-        rows: rows of the `_Square` of each rotor, rotor by rotor.
+        rows: values of the `_Square` of each rotor, one rotor after the other.
     """
     squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
     size = sum(abs(square.yaw) for square in squares)

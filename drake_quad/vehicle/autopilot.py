@@ -369,14 +369,15 @@ class AttitudeAutopilot(FleetSystem):
     `AutopilotParameters` lists the optional parts: integrals, filtered derivatives, feed-forward and limits of both
     loops, a filter for the gyroscope, and a rotation error that replaces the errors of the angles.
 
-    The states are `wrench` and, if a part has a memory, `memory`. The only parameter of the context is `autopilot`.
+    The states are `wrench` and, if a part has an internal state, `memory`. The only parameter of the context is
+    `autopilot`.
 
     Args:
         num_vehicles: number N of vehicles.
         period: tick period h of the autopilot, s. The default, 2.5 ms, corresponds to 400 Hz, the default of PX4's
             parameter IMU_GYRO_RATEMAX.
         noisy: True if the sensors have noise.
-        rules: variants of the loops.
+        rules: variants of the attitude loop and of the rate loop.
         parameters: gains, parameters of the sensors, and the autopilot's model of the vehicle.
     """
 

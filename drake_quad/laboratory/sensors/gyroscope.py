@@ -3,7 +3,7 @@
     reading = ω + b + σ n
 
 with the body rates ω, a bias b, and standard normal n. `drake_quad.laboratory.sensors.inertial` describes further
-errors. The body is rigid, so a gyroscope measures the same rates at every position of the vehicle, also if the rotors
+errors. The body is rigid, so a gyroscope measures the same rates at every position, even while the rotors make the body
 vibrate.
 """
 

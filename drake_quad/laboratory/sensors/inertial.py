@@ -94,7 +94,7 @@ class InertialErrors(NamedTuple):
         temperature_coefficient: change of the bias during warm-up.
         vibration: vibration of the rotors.
         full_scale: largest magnitude of a reading.
-        resolution: step between neighbouring readings.
+        resolution: smallest nonzero difference between two readings.
     """
 
     scale_error: Vector | None = None

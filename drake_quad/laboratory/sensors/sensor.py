@@ -63,8 +63,8 @@ class SensorLaw(NamedTuple):
             sensor. The parameters are a record with a field `latency_samples`. Errors that can be switched off are
             fields of a record in the field `errors` of the parameters; they are None if they are switched off.
         reads: names of the input signals of the sensor.
-        errors_that_read: further input signals by the name of the error that needs them, as pairs. The formula receives
-            None for the signal if the error is switched off.
+        errors_that_read: pairs of the name of an error and the name of a further input signal that this error needs.
+            The formula receives None for the signal if the error is switched off.
         memory: state equation of the sensor; None for a sensor without a memory.
         noise: function that returns a record of zeros with one component for each standard normal sample that a reading
             needs, given the parameters. By default, the noise has the type `reading`. A formula receives None if there
@@ -280,7 +280,7 @@ class Sensor(FleetSystem):
     The parameters of the context are `parameters` and, for a sensor with a fault, `fault`. The states are the states of
     a `DelayLine`: the latest reading that has arrived, under the name of the sensor, and, if there is latency, the
     readings in transit. If readings can be missing, the validity has a `DelayLine` of its own. The state `memory` is
-    the memory of the measurement law, for the errors that need one.
+    the internal state of the measurement law, if its errors need one.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -347,7 +347,8 @@ class Sensor(FleetSystem):
         reads = parameter, noise, *fault_reads, *signals
         writes = *line, *validity, memory if remembers else None
         self.initialize(first_reading, structure, *reads, writes=writes)
-        # The initialization event has already used the random samples of time zero.
+        # The initialization event already takes the reading at time zero. A memory must not be advanced again with the
+        # same random samples, so the updates of a sensor with a memory begin one period later.
         self.update(
             period,
             next_reading,

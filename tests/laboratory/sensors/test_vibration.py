@@ -62,7 +62,7 @@ def amplitudes(signal):
 
 
 @pytest.mark.parametrize(("bandwidth", "rate"), [(None, 400), (600.0, 400), (None, 2048)])
-def test_vibration_has_its_lines_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth, rate):
+def test_vibration_appears_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth, rate):
     """One rotor turns at 180 Hz. After sampling at 400 Hz, its second harmonic appears at 40 Hz, filtered as 360 Hz."""
     frequency = 180
     speed, gain = 2.0 * np.pi * frequency, {1: 1.0, 2: 1.0}
