@@ -69,7 +69,7 @@ class CameraParameters(NamedTuple):
 
 
 class Cameras(NamedTuple):
-    """Parameters of the cameras, as the context stores them.
+    """Parameters of the cameras, as they are stored in Drake's context.
 
     Attributes:
         errors: errors of the cameras.

@@ -39,10 +39,10 @@ _MAX_RECORDED_VEHICLES = 256  # largest number of vehicles in a recorded fleet, 
 
 
 class ExperimentSizes(NamedTuple):
-    """Numbers of samples and settings of the experiment.
+    """Numbers of Monte Carlo samples, and of parameter settings, in the experiment.
 
     Attributes:
-        cells: number of samples of each cell.
+        cells: number of samples of each combination of controller and wind, which is called a cell as in Table II.
         recorded: number of samples of each cell of Table II for which all signals are recorded.
         sweep: number of samples for each value of the noise, the weight q of the lower memberships or the slope λ.
         grid: number of gains along each side of a map.
@@ -184,7 +184,7 @@ def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: b
 
 
 class RecordedCell(NamedTuple):
-    """Results of the recorded samples of a cell.
+    """Results of the samples of a cell whose signals are recorded.
 
     Attributes:
         first: flight of sample 0.
@@ -196,7 +196,7 @@ class RecordedCell(NamedTuple):
 
 
 def _record_cell(scenario: Scenario, num_samples: int, *, compiled: bool) -> RecordedCell:
-    """Fly the first samples of a cell, record all signals, and return the measures."""
+    """Simulate the first samples of a cell, record all signals, and return the measures of these flights."""
     flights = simulate_samples(scenario, range(num_samples), compiled=compiled)
     numbers = [measures(flight) for flight in flights]
     return RecordedCell(flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]})

@@ -153,7 +153,7 @@ def kept(*arguments, **options):
 
 
 @pytest.mark.slow
-def test_recorded_samples_are_the_first_of_the_cell(tmp_path, monkeypatch):
+def test_recorded_samples_are_the_first_samples_of_the_cell(tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "measures", lambda flight: {"twice": 2.0 * flight.metrics.rmse, "once": 1.0})
     study = scenario("low_wind_pd_t2fnn", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)
@@ -166,7 +166,7 @@ def test_recorded_samples_are_the_first_of_the_cell(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_resumed_cell_is_identical(tmp_path):
+def test_a_resumed_cell_is_identical_to_an_uninterrupted_one(tmp_path):
     study = scenario("no_wind_pid", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)
     path = tmp_path / "results.csv"

@@ -72,7 +72,7 @@ class Multipath(NamedTuple):
 
     @classmethod
     def of(cls, deviation: PositionDeviation, time: Row, period: float) -> "Multipath":
-        """Return the error for the mean time between jumps and the period, s; arguments may be arrays."""
+        """Return the parameters for a mean time between jumps and a period, both in s; arguments may be arrays."""
         return cls(deviation, scipy.special.ndtri(-np.expm1(-period / time)))
 
 

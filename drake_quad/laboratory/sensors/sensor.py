@@ -42,7 +42,7 @@ class SensorMemory(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Reading of a sensor that can miss readings.
+    """Reading of a sensor whose readings can be missing, and its validity.
 
     Attributes:
         reading: record of the reading.
@@ -54,11 +54,11 @@ class Sample(NamedTuple):
 
 
 class SensorLaw(NamedTuple):
-    """Measurement law of a sensor.
+    """Measurement law of a sensor: how its readings follow from signals, noise and internal state.
 
     Attributes:
         reading: type of the record of a reading.
-        formula: function that returns a reading, or a `Sample` if the sensor can miss readings. Its arguments are the
+        formula: function that returns a reading, or a `Sample` if readings can be missing. Its arguments are the
             parameters of the sensor, the noise, the memory if the law has a memory, and the input signals of the
             sensor. The parameters are a record with a field `latency_samples`. Errors that can be switched off are
             fields of a record in the field `errors` of the parameters; they are None if they are switched off.
@@ -141,7 +141,7 @@ class _Structure(NamedTuple):
 
     @property
     def can_miss(self) -> bool:
-        """True if the sensor can miss readings."""
+        """True if readings of the sensor can be missing."""
         return self.law.can_miss or self.fault is not None
 
     def sample(self, memory: Any, parameters: Any, noise: Any, signals: tuple[Any, ...]) -> Sample:
@@ -201,7 +201,7 @@ def next_reading(
 
     Args:
         structure: properties of the sensor.
-        out: reading that the output contained before the update; None for a sensor that cannot miss readings.
+        out: reading that the output contained before the update; None if no reading can be missing.
         in_transit: earlier readings that are not yet available, the latest one first.
         valid_in_transit: validity of these readings.
         memory: memory at the previous reading.

@@ -45,7 +45,7 @@ class Outliers(NamedTuple):
 
     @classmethod
     def of(cls, rate: Row, deviation: Row) -> "Outliers":
-        """Return the outliers for a probability and a standard deviation, m; arguments may be arrays."""
+        """Return the parameters for a probability of outliers and a standard deviation, m; arguments may be arrays."""
         return cls(scipy.special.ndtri(rate), deviation)
 
 

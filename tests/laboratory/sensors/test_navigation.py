@@ -88,7 +88,7 @@ def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
         assert np.linalg.norm(np.linalg.solve(matrix, field)) == pytest.approx(5e-5, rel=1e-12)
 
 
-def test_the_drift_of_a_position_has_the_autocorrelation_of_its_correlation_time():
+def test_the_autocorrelation_of_the_position_drift_decays_with_the_given_correlation_time():
     deviations = np.array([1.0, 1.2, 2.0])
     parameters = parameters_of("gnss", position_drift=[*deviations], drift_time=2.0, period=0.1)
     errors = series(GNSS, parameters, lambda k: (HOVER,), 60, 3000, seed=0)[:, :3] - [[0.0], [0.0], [1.5]]
@@ -168,7 +168,7 @@ def test_the_range_finder_measures_along_the_axis_of_the_body():
     assert not inverted
 
 
-def test_optical_flow_is_the_velocity_over_the_height():
+def test_optical_flow_is_the_velocity_divided_by_the_height():
     parameters = parameters_of("optical_flow", max_flow=2.0)
     flow, valid = OPTICAL_FLOW.formula(parameters, None, HOVER._replace(v_x=0.6, v_y=-0.3))
     np.testing.assert_allclose(flow, [0.4, -0.2], rtol=1e-12)
@@ -179,7 +179,7 @@ def test_optical_flow_is_the_velocity_over_the_height():
     assert not OPTICAL_FLOW.formula(parameters, None, HOVER._replace(z=-1.0)).valid
 
 
-def test_a_vehicle_that_turns_in_place_has_the_flow_of_the_lever_arm():
+def test_a_camera_on_a_lever_arm_measures_flow_if_the_vehicle_turns_in_place():
     """A camera in front of the yaw axis moves sideways at the yaw rate times its distance, one on the axis does not."""
     turning = HOVER._replace(r=0.8, yaw=2.0)
     (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning)
@@ -220,7 +220,7 @@ def test_ranges_to_four_anchors_yield_the_position_of_the_antenna():
     assert not UWB_RANGE.formula(parameters_of("uwb_range", max_distance=1.0), None, state).valid
 
 
-def test_outliers_of_a_range_are_too_long_and_have_their_probability():
+def test_outliers_of_a_range_are_too_long_and_have_the_given_probability():
     """The mean of an outlier is √(2/π) times its standard deviation. Other readings are exact."""
     parameters = parameters_of("uwb_range", outlier_rate=0.05, outlier_size=0.6)
     errors = series(UWB_RANGE, parameters, lambda k: (HOVER,), 20, 2000, seed=5) - 1.5
