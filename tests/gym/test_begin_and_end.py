@@ -20,7 +20,7 @@ def test_an_environment_has_one_vehicle_and_records_no_actions_by_default():
         envs.flight()
 
 
-def test_a_number_of_vehicles_that_exceeds_the_memory_is_refused_immediately():
+def test_a_fleet_that_does_not_fit_into_memory_is_refused_immediately():
     with pytest.raises(InputError, match="num_envs is"):
         hover(num_envs=10**12)
 

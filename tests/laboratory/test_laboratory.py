@@ -147,7 +147,7 @@ def test_default_crash_limits_agree_with_the_defaults_of_a_scenario():
 
 @pytest.mark.slow
 def test_measurements_and_wind_are_zero_before_a_simulation_begins():
-    """Only the initialization events take the first samples."""
+    """The first samples are taken by initialization events, which occur only when a simulation begins."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (
         MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, parameters=FILTERED_CAMERAS),

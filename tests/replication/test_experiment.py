@@ -56,7 +56,7 @@ def test_recorded_samples_equal_single_flights():
         np.testing.assert_allclose(flight.metrics, alone.metrics, rtol=1e-9)
 
 
-def test_settings_in_a_fleet_equal_overrides_of_a_scenario():
+def test_a_fleet_with_several_settings_agrees_with_overrides_of_a_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
@@ -134,7 +134,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
 def test_fleets_are_filled_with_settings(count, sizes):
-    """A fleet has at most 1,024 vehicles, unless a single setting has more."""
+    """A fleet has at most 1,024 vehicles, unless a single setting has more samples."""
     settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]

@@ -47,7 +47,7 @@ def test_the_message_names_the_part_of_a_wrench_that_rotors_cannot_produce(rotor
     assert np.linalg.matrix_rank([b, y * b, -x * b, -turns * d * 10.0]) < 4
 
 
-def test_one_deficient_vehicle_of_several_is_reported():
+def test_a_vehicle_of_a_fleet_that_cannot_produce_every_wrench_is_reported():
     arm = np.array([0.2, 0.2])
     positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
     assert missing_direction(layout_of(positions)) is None

@@ -72,7 +72,7 @@ class Drone:
         return Quadrotor(time_step=0.0, effects=effects.names, parameters=QuadrotorConfig(parameters, effects=effects))
 
     def rates(self, sample):
-        """Return the (16,) derivatives of our state."""
+        """Return the (16,) derivatives of the state of our vehicle model."""
         zero = [0.0, 0.0, 0.0]
         names = "attitude", "velocity", "rates", "speeds"
         self.context.SetContinuousState(np.concatenate([zero, *(sample[name] for name in names)]))

@@ -277,7 +277,7 @@ def test_compiled_and_interpreted_vehicles_tumble_equally(asymmetric_vehicle):
         np.testing.assert_array_equal(state_alone[0], wired_states[i])
 
 
-def test_the_attitude_of_a_responding_vehicle_is_the_integral_of_its_body_rates():
+def test_the_attitude_of_a_vehicle_with_an_attitude_response_is_the_integral_of_its_body_rates():
     """The pitch passes 90°. Body rates by eq (2), integrated as a rotation, give the same attitude."""
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.1, 3.0), DampingRatios(0.45, 1.0, 1.4))
     vehicle = AttitudeResponseQuadrotor(

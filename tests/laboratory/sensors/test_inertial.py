@@ -43,7 +43,7 @@ def readings(num_readings, num_vehicles=1, seed=None, rates=None, **settings):
 
 
 def assert_allan_variance(measurements, num_samples, expected):
-    """Assert that the Allan variance for averages of so many samples is within four standard errors of its expectation.
+    """Assert that Allan variances are within four standard errors of their expectations.
 
     Args:
         measurements: (T, 3, N) readings, whose 3 N series are independent.

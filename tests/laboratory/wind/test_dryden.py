@@ -149,7 +149,7 @@ def test_turbulence_levels_are_winds_of_15_30_and_45_knots():
 
 
 def test_length_scales_and_deviations_agree_with_the_specification():
-    """All lengths are 1000 feet, and all deviations are a tenth of the wind, at a height of 1000 feet."""
+    """At a height of 1000 feet, all length scales are 1000 feet, and all deviations a tenth of the wind at 20 feet."""
     high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
     np.testing.assert_allclose(high.length, 304.8, rtol=1e-12)
     np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)
