@@ -198,8 +198,7 @@ def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
 
 
 def test_a_frame_without_errors_equals_the_state():
-    """The values are exactly equal, even if the cameras have ports for noise and dropouts, and states for delayed
-    frames."""
+    """The values are exactly equal, even if the cameras have ports for noise and states for delayed frames."""
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
     time, ideal = measurements_of(state, MotionCapture(), duration=1.0)

@@ -74,8 +74,7 @@ def test_the_magnetometer_yields_the_heading_for_any_tilt_and_declination():
 
 
 def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
-    """The readings lie on an ellipsoid around the hard-iron error. Motors add a vector times the sum of rotor
-    torques."""
+    """Readings lie on an ellipsoid around the hard-iron error. Motors add a vector times the sum of rotor torques."""
     iron = [0.1, -0.05, 0.02, 0.03, -0.04, 0.06]
     hard = np.array([1e-5, -2e-5, 3e-5])
     parameters = parameters_of("magnetometer", soft_iron=iron, hard_iron=[*hard], motor_interference=[1e-4, 0.0, 2e-4])
