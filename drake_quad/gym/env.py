@@ -89,7 +89,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation[0], float(rewards[0]), bool(terminations[0]), bool(truncations[0]), info
 
     def render(self) -> Any:
-        """Return a frame, (height, width, 3) uint8; None without a render mode."""
+        """Return an image of the vehicle, (height, width, 3) uint8; None without a render mode."""
         frames = self._vector.render()
         return None if frames is None else frames[0]
 

@@ -33,7 +33,7 @@ class RowSelector(NamedTuple):
 
 
 class ScalarSignal(NamedTuple):
-    """Scalar signal.
+    """Signal with a single value per tick, and the formula that computes it.
 
     Attributes:
         name: name of the signal, such as `tilt` or `state.z`.

@@ -419,7 +419,7 @@ def compute_metrics(
     """Return the metrics of each vehicle. Metrics of a recorded flight are NaN.
 
     Args:
-        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as values.
         crash_time: (N,) crash times, s; infinite for a vehicle that did not crash.
         period: duration of a tick, s.
         kind: class of the metrics, from `metrics_type`.
@@ -443,7 +443,7 @@ def metric_values(names: Iterable[str], sums: Sums, period: float, kind: type[Me
 
     Args:
         names: names of metrics that are not computed from a recorded flight.
-        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as values.
         period: duration of a tick, s.
         kind: class of the metrics, from `metrics_type`.
 

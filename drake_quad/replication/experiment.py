@@ -126,7 +126,7 @@ def fly_experiment(
     compiled: bool = True,
     progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> dict[Cell, Flight]:
-    """Fly the experiment, and write its results to a folder, from which `read_experiment` reads them.
+    """Simulate the flights of the experiment, and write the results to a folder for `read_experiment`.
 
     Args:
         load: function that loads the scenario of a cell.
@@ -169,7 +169,7 @@ def fly_experiment(
 
 
 def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: bool) -> None:
-    """Fly the missing samples of a cell's study in one fleet, since a large fleet takes less time per vehicle.
+    """Simulate the missing samples of a cell's study in one fleet, since a large fleet takes less time per vehicle.
 
     Raises:
         RuntimeError: if a sample could not be flown.

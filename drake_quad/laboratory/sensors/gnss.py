@@ -60,7 +60,7 @@ class PositionDrift(NamedTuple):
 
 
 class Multipath(NamedTuple):
-    """Error of the measured position by multipath, which jumps to a new value at random times.
+    """Error of the measured position by multipath propagation, which jumps to a new value at random times.
 
     Attributes:
         deviation: standard deviation of the values on each axis.
@@ -81,7 +81,7 @@ class GnssErrors(NamedTuple):
 
     Attributes:
         position_drift: slowly varying error of the measured position.
-        multipath: error by multipath.
+        multipath: error by multipath propagation.
     """
 
     position_drift: PositionDrift | None = None

@@ -53,7 +53,7 @@ class UwbErrors(NamedTuple):
     """Errors that can be switched off; None for an error that is switched off.
 
     Attributes:
-        outlier_rate: outliers.
+        outlier_rate: parameters of the outliers.
     """
 
     outlier_rate: Outliers | None = None
