@@ -177,7 +177,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 episode.
 
         Returns:
-            The observations (N, rows) and an empty dictionary.
+            The observations (N, components) and an empty dictionary.
 
         Raises:
             InputError: if a seed is negative or too large, or the mask has the wrong shape or type.
@@ -204,7 +204,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray | Sequence[Any]) -> StepResult:
-        """Simulate all vehicles for one tick, for actions (N, rows), and return the results that Gymnasium defines.
+        """Simulate one tick for actions (N, components) of all vehicles, and return the results that Gymnasium defines.
 
         The flight uses actions clipped to the action space, for example if they are samples of a normal distribution.
         Rewards and observations use the original actions.
@@ -303,7 +303,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._action_log.end(vehicles, self._fleet.clocks, episodes)
 
     def _begin(self, vehicles: np.ndarray) -> np.ndarray:
-        """Start the next episodes of some vehicles, and return their observations (k, rows)."""
+        """Start the next episodes of some vehicles, and return their observations (k, components)."""
         initial = self._episodes.begin(vehicles)
         self._fleet.restart(vehicles, initial)
         self._is_over[vehicles] = False
@@ -315,11 +315,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return single_precision(initial.outputs[:, self._fleet.columns("observation")])
 
     def _observation(self) -> np.ndarray:
-        """Return the observations (N, rows) in single precision, as policies receive them."""
+        """Return the observations (N, components) in single precision, as policies receive them."""
         return single_precision(self._fleet.outputs("observation"))
 
     def _checked_actions(self, values: Any) -> np.ndarray:
-        """Return actions as an array (N, rows).
+        """Return actions as an array (N, components).
 
         Raises:
             InputError: if the actions have the wrong shape, are not real numbers, are not finite, or are too large.

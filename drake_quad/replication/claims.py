@@ -38,7 +38,7 @@ def all_claims(experiment: Experiment) -> list[Claim]:
 
 
 def judge_half_the_error(experiment: Experiment) -> Claim:
-    """Judge the claim that type 2 is 50 % better than PD."""
+    """Judge the claim that the error with the type-2 network is 50 % smaller than with the PD alone."""
     reductions = {cell: _reduction(experiment, cell, "pd") for cell in select_cells(_TYPE_2_CONTROLLERS)}
     over_slope = {wind: [_reduction_at_slope(experiment, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max(
@@ -57,7 +57,7 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
 
 
 def judge_reduction_without_wind(experiment: Experiment) -> Claim:
-    """Judge the claim that the error without wind is about 43 % smaller."""
+    """Judge the claim that the network makes the error without wind about 43 % smaller."""
     pd, network = (published_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
     decrease = _reduction(experiment, Cell("no_wind", "pd_t2fnn"), "pd")
     other = {
@@ -73,7 +73,7 @@ def judge_reduction_without_wind(experiment: Experiment) -> Claim:
 
 
 def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
-    """Judge the claim that type 2 beats type 1 by 2 to 7 %."""
+    """Judge the claim that the error with the type-2 network is 2 to 7 % smaller than with the type-1 network."""
     gains = {cell: _reduction(experiment, cell, "pd_t1fnn") for cell in select_cells(_TYPE_2_CONTROLLERS)}
     windy = {cell: gain for cell, gain in gains.items() if cell.wind != "no_wind"}
     over_noise = [_best_advantage(experiment.noise, "noise", level) for level in NOISE_LEVELS]
@@ -135,7 +135,7 @@ def judge_peak_without_wind(experiment: Experiment) -> Claim:
 
 
 def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
-    """Judge the claim that type 2 has smaller error peaks than type 1 in wind."""
+    """Judge the claim that the type-2 network has smaller error peaks than the type-1 network in wind."""
     differences = {
         cell: experiment.comparison(cell, Cell(cell.wind, "pd_t1fnn"), "peak_error").difference
         for cell in select_cells(_TYPE_2_CONTROLLERS, _WINDS_WITH_FANS)
@@ -152,7 +152,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
 
 
 def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
-    """Judge the claim that the PD's output tends to zero as the network learns, and increases at changes of segment."""
+    """Judge the claim that the PD's output tends to zero as the network learns, and increases at each new segment."""
     fades, returns = (
         {cell: _mean(experiment.recorded[cell][measure]) for cell in select_cells(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
@@ -265,7 +265,7 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
 
 
 def near_best_fraction(sweep: Sweep) -> np.ndarray:
-    """Return the fraction (samples,) of gains whose error is within 20 % of the smallest, without gains that crash."""
+    """Return the fraction (samples,) of gains without a crash whose error is at most 1.2 times the smallest error."""
     rmse = _errors(sweep)
     best = np.nanmin(rmse, axis=0)
     fractions: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
@@ -361,7 +361,7 @@ def _error_reduction(errors: np.ndarray, baseline: np.ndarray) -> Interval:
 
 
 def _reduction_difference(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interval:
-    """Return the error reduction in one pair of baseline and errors minus the reduction in another pair."""
+    """Return the difference of two error reductions. Each is given by the errors of a baseline and of a controller."""
     valid = np.isfinite([*pair, *other]).all(axis=0)
     ratio, other_ratio = (linearized_ratio(errors[valid], baseline[valid]) for baseline, errors in (pair, other))
     return mean_interval(other_ratio - ratio)
@@ -419,7 +419,7 @@ def _listed_text(numbers: Mapping[Cell, Interval], text: Callable[[Interval], st
 
 
 def _smallest_and_largest(estimates: Iterable[Interval]) -> tuple[Interval, Interval]:
-    """Return the smallest and the largest estimate."""
+    """Return the smallest and the largest of several estimates."""
     ordered = sorted(estimates)
     return ordered[0], ordered[-1]
 

@@ -64,7 +64,8 @@ CAPTIONS = {
     " crashed.",
     "fair": "Mean RMSE of the PD, of PD+T2FNN, and of controllers that the paper does not consider.",
 }
-# Fields of `Claim` by the headings of their columns, in the file claims.csv and then in the report.
+# Field of `Claim` in each column of the file claims.csv, and then in each column of the report, by the column's
+# heading.
 _FILE_COLUMNS = {"claim": "statement", "printed": "printed", "ours": "evidence"} | {
     name: name for name in ("verdict", "rule", "details", "figure")
 }

@@ -267,9 +267,12 @@ def test_a_registered_metric_can_be_pickled_with_its_scenario():
     [
         ({"rmse": {"kind": "max", "of": "tilt"}}, "must have another name, since a study has another column"),
         ({"Tilt": {"kind": "max", "of": "tilt"}}, "must have a name of small letters"),
-        ({"tilt": {"kind": "max", "of": "tild"}}, "must be a scalar signal: 'tild' is neither a row of a signal"),
-        ({"tilt": {"kind": "max", "of": "state.tilt"}}, r"is not a row of the signal state; its rows are state\.x"),
-        ({"tilt": {"kind": "max", "of": "weights.1"}}, "its rows are none that have names"),
+        ({"tilt": {"kind": "max", "of": "tild"}}, "must be a scalar signal: 'tild' is neither a component of a signal"),
+        (
+            {"tilt": {"kind": "max", "of": "state.tilt"}},
+            r"is not a component of the signal state; its components are state\.x",
+        ),
+        ({"tilt": {"kind": "max", "of": "weights.1"}}, "its components are none that have names"),
         ({"unknown": {}}, "unknown"),
         ({"tube": {"kind": "time_in_tube", "radius": -1.0}}, "radius"),
     ],

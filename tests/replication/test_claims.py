@@ -427,8 +427,8 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
     Args:
         cells: results by (wind or None for all, controller, metric).
         recorded: results of PD+T2FNN without wind, by name.
-        noise: RMSE by (row of the noise amplitude, exponents).
-        fractions: RMSE by (row of q, exponents).
+        noise: RMSE by (index of the noise amplitude, exponents).
+        fractions: RMSE by (index of the value of q, exponents).
         slope: smallest RMSE over the slopes.
     """
 
@@ -510,7 +510,7 @@ def in_wind(rmse):
         ("insensitive", {"cells": in_wind(1.101)}, "does not hold"),
     ],
 )  # fmt: skip
-def test_a_verdict_changes_at_the_level_of_its_rule(claim, numbers, verdict):
+def test_a_verdict_changes_at_the_threshold_of_its_rule(claim, numbers, verdict):
     (found,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
     assert found.verdict == verdict
 
@@ -539,7 +539,7 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     ("pd", "network", "verdict"),
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
-def test_the_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
+def test_the_claim_about_a_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
     """The cases differ in the number of gains that are nearly as good as the best."""
     experiment = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
