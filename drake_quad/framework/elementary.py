@@ -216,7 +216,7 @@ def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row])
 
 
 def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
-    """Return rows equal to `some` where the mask is true, else to `others`; `some` has only these masked vehicles."""
+    """Return `others` with the values of the masked vehicles replaced by `some`, which contains only these."""
     if isinstance(others, tuple):
         rows = [_placed(mask, row, other) for row, other in zip(some, others, strict=True)]
         return others._make(rows) if hasattr(others, "_make") else tuple(rows)

@@ -55,7 +55,7 @@ INSTRUCTIONS = {
     "word_of_truth": "zext {t} {0} to {r}",
     "truth_of_word": "trunc {t} {0} to {r}",
 }
-# LLVM instructions for operations on words and truth values that differ from the instructions for numbers.
+# LLVM instructions for those operations that differ between numbers and 64-bit words or booleans.
 _INTEGER_INSTRUCTIONS = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",

@@ -204,7 +204,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     """Write all plots of a flight into a folder, and return the paths of the files.
 
     A plot of the wind is written if there is wind, and plots of the learning are written if there is a network. The
-    surfaces and the secant gains of a network are plotted if its inputs are error and error rate, as in the paper.
+    surfaces and the secant gains of a network are plotted if its inputs are error and error rate.
 
     Args:
         flight: flight to plot.

@@ -84,7 +84,7 @@ def test_plain_tuples_become_records_of_the_field_types():
 
 @pytest.mark.parametrize("kind", [int, str, Any])
 def test_types_other_than_rows_records_and_tuples_are_refused(kind):
-    with pytest.raises(TypeError, match="is not a type of rows"):
+    with pytest.raises(TypeError, match="is not a type of record"):
         layout_of(kind)
 
 

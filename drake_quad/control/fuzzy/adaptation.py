@@ -1,4 +1,4 @@
-"""Adaptation of the membership functions, which the paper names as future work.
+"""Adaptation of the membership functions, which Kayacan and Maslim (2016) name as future work.
 
 The weights F descend the gradient of the cost s² / 2, where s is the learning signal and ∂τ_f/∂F = W. A larger
 correction τ_f increases s; the positive gain from τ_f to s is part of the learning rate. Any other parameter θ of the
@@ -216,7 +216,7 @@ def _clipped(value: Row, lower: Row, upper: Row) -> Row:
 
 
 def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
-    """Return the sets after a gradient step of the inner centres, each within its largest displacement."""
+    """Return the sets after a gradient step of the inner centres, whose displacements are limited."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
     moved_centres = [

@@ -31,11 +31,11 @@ import scipy
 
 from drake_quad.signals import Row
 
-# The fields of a chain are its states, in metres and seconds. The type of the record identifies the model.
+# The fields of a chain are its states, in units of metres and seconds. The class of a chain identifies its model.
 
 
 class TorqueChain(NamedTuple):
-    """States along X or Y if torques are sent over the link."""
+    """States along X or Y if torques are sent over the radio link."""
 
     position: Row
     velocity: Row
@@ -209,7 +209,7 @@ def discretise_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
 def _model(
     kind: Any, motion_entries: dict[tuple[str, str], float], input_entries: dict[str, float], disturbances: Disturbances
 ) -> ContinuousModel:
-    """Return a model from the entries of A and B that describe the motion, and from the disturbances."""
+    """Return the model with the given entries of A and B for the motion, and with the given disturbances."""
     first, second, bias, command_noise = disturbances
     entries = {
         **motion_entries,

@@ -10,7 +10,7 @@ from drake_quad.signals import Row
 
 
 class AxisLoop(NamedTuple):
-    """Filter and regulator of one axis. A vector of n states is a record of the chain's type.
+    """Filter and regulator of one axis. Each vector of n states is an instance of the chain's class.
 
     Attributes:
         A: system matrix of x⁺ = A x + B u over a frame, row by row.
