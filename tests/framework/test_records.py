@@ -1,4 +1,4 @@
-"""Tests of the layouts of records in rows."""
+"""Tests of the layouts of records in vectors."""
 
 from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple
@@ -126,7 +126,7 @@ def test_a_record_is_built_from_attributes_of_the_same_names():
         record_like(Frame, SimpleNamespace(corner=(1.0, 2.0)))
 
 
-def test_every_signal_has_rows_with_units():
+def test_every_component_of_a_signal_has_a_unit():
     from drake_quad.signals import Quantity, quantities, row_names
 
     for name in SIGNALS:

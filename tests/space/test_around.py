@@ -397,7 +397,7 @@ def test_the_message_distinguishes_blocked_waypoints_from_gaps_between_grid_poin
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
-        with pytest.raises(InputError, match=f"waypoint 1, .* has {words} with a clearance of 0.2 m"):
+        with pytest.raises(InputError, match=f"waypoint 1, .* contains {words} with a clearance of 0.2 m"):
             around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 

@@ -36,7 +36,7 @@ def learned():
 
 
 def shared(figure, rows, columns, *, x, y):
-    """Check whether panels of a grid share x in columns ("col"), in all panels ("all") or not (""), and y in rows."""
+    """Check which panels of a grid share the axes x and y: all ("all"), those of a row or column, or none ("")."""
     grid = np.array(figure.axes[: rows * columns]).reshape(rows, columns)
     for i, j in np.ndindex(rows, columns):
         for k, m in np.ndindex(rows, columns):

@@ -5,9 +5,11 @@ autopilot the command u is a snap, which the torques produce with the lag T of t
 is an acceleration, an angle times g. Either the attitude follows this command with a second-order lag, or its angular
 acceleration follows the command of the on-board loops with the lag of the rotors:
 
-    p' = v    v' = s + d₁ + d₂    s' = j    without: j' = a + δ,  a' = (u - a) / T
-                                            with:    j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
-                                            or:      j' = a + δ,  a' = (b - a) / T
+    p' = v    v' = s + d₁ + d₂    s' = j
+
+    without an autopilot             j' = a + δ,  a' = (u - a) / T
+    with an autopilot                j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
+    with an autopilot and rotor lag  j' = a + δ,  a' = (b - a) / T
 
 Along Z the thrust acts directly: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T, where s is the acceleration in excess of
 gravity.

@@ -19,8 +19,13 @@ from drake_quad.control.lqg.chains import (
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "controllers_lqg.md"
 ROTOR_LAG = 0.043  # s
-AUTOPILOT_RESPONSE = SecondOrderResponse(9.1, 0.72)
-LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.31, 2.3), ChainNoise(0.27, 0.6), ChainNoise(4.1, 1.7), 0.0)
+AUTOPILOT_RESPONSE = SecondOrderResponse(natural_frequency=9.1, damping=0.72)
+LATERAL_DISTURBANCES = Disturbances(
+    first=ChainNoise(deviation=0.31, time=2.3),
+    second=ChainNoise(deviation=0.27, time=0.6),
+    bias=ChainNoise(deviation=4.1, time=1.7),
+    command_noise=0.0,
+)
 VERTICAL_DISTURBANCES = LATERAL_DISTURBANCES._replace(bias=None)
 MODELS = {
     "torques": torque_model(ROTOR_LAG, LATERAL_DISTURBANCES),
