@@ -87,7 +87,7 @@ class ProportionalDerivative(FleetSystem):
         output_ports:
         - error_and_command
 
-    The output packs the signals of `PdOutput`. The only parameter of the context is `gains`.
+    The output contains all signals of `PdOutput`. The only parameter of the context is `gains`.
 
     Args:
         num_vehicles: number of vehicles N.

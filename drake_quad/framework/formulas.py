@@ -36,6 +36,8 @@ TIME = _Time()
 class Tick(NamedTuple):
     """Number of a tick, split into the number of a pair of ticks and the position in the pair.
 
+    Random number streams use the pair, since one random word yields normal numbers for two successive ticks.
+
     Attributes:
         pair: number of the pair, a whole number from 0 on.
         second: True if the tick is the second tick of the pair.

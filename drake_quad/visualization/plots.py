@@ -38,6 +38,7 @@ from drake_quad.visualization.style import (
 )
 from drake_quad.visualization.wind_plots import plot_wind
 
+# Coordinates of a label at a horizontal line: a fraction of the axis, and a value in data units.
 _ANNOTATION: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
 # Smallest side of the three-dimensional view, relative to its longest side.
 _MIN_SIDE_RATIO = 0.35

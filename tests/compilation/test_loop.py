@@ -107,7 +107,7 @@ def test_a_log_has_columns_for_whole_vectors_of_vehicles():
 
 
 def listing_with_late_uses():
-    """Return a listing in which numbers, truth values, words and parameters are used again much later."""
+    """Return a listing in which numbers, booleans, 64-bit words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)

@@ -103,7 +103,8 @@ def detour(*corners):
 
 
 # The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
-DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
+DETOURS = [detour([2.0, 1.0 + offset, 1.0]) for offset in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
+# Timing method and limits of the path.
 TIMINGS_AND_LIMITS = {
     "heuristic": (HeuristicTiming(), LIMITS),
     "shortest": (MinimumTimeTiming(), LIMITS),

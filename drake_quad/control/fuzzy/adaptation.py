@@ -48,7 +48,7 @@ _MIN_DISTANCE = 1e-9
 _MAX_DISPLACEMENT = 0.25
 # Smallest sum of the widths of two neighbouring sets, relative to the gap between their centres.
 _MIN_OVERLAP = 1.02
-# Smallest and largest exponent of the upper sets, and of the lower sets.
+# Smallest and largest exponents of the upper sets and of the lower sets.
 _UPPER_EXPONENTS = (1.001, 10.0)
 _LOWER_EXPONENTS = (0.1, 0.999)
 

@@ -46,7 +46,7 @@ class FuzzySets(NamedTuple):
     widths: tuple[Number, ...] = (1.0, 1.0, 1.0)
 
     def distances(self, value: Row) -> list[Row]:
-        """Return the distances u of an input from all sets, with x clamped to the universe."""
+        """Return the distances u of an input from all sets, with x clamped to the range between the outer centres."""
         first, *_, last = self.centres
         x = minimum(maximum(self.scale * value, first), last)
         return [(x - c) * (1.0 / d) for c, d in zip(self.centres, self.widths, strict=True)]

@@ -241,8 +241,8 @@ def estimator_step(
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
     z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
-    # `_level_thrust` used f̄ instead of the estimated vertical specific thrust. The horizontal acceleration due to the
-    # difference is added here.
+    # The chains along X and Y are based on f̄ instead of the vertical specific thrust. The horizontal acceleration due
+    # to the difference is added here.
     excess = (parameters.thrust.gravity + last.z.thrust) / sent.upward - 1.0
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z

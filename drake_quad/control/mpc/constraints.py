@@ -3,7 +3,7 @@
 A constraint bounds a weighted sum y of states or commands of one or two axes at each tick. Its bound is the difference
 between a limit and the reference:
 
-    snap        ±(u_ff + y) <= max                     of the commands, with torques over the link
+    snap        ±(u_ff + y) <= max                     of the commands, if torques are sent
     tilt        n·(a_r - τ_f + y) <= g tan θ cos(π/m)  of the specific thrust; of the commands with an autopilot
     thrust      -(u_ff - τ_f + y) <= g - F_min / M,    u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
     corridor    ±(p_r + y) <= ±walls                   or ±y <= half its width

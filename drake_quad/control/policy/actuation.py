@@ -70,8 +70,8 @@ class AttitudeActuation(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    The yaw of the action is relative to the yaw of the `reference`. The output packs the signals of `VectoringOutput`,
-    with zero body rates and angular accelerations.
+    The yaw of the action is relative to the yaw of the `reference`. The output contains all signals of
+    `VectoringOutput`, with zero body rates and angular accelerations.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -24,6 +24,7 @@ _MAX_DISTANCE_FROM_REFERENCE = 3.0
 _LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
 _NUM_GRID_LINES = 8
+# Intensities of the lights of a Meshcat scene.
 _LIGHT_INTENSITIES = {
     "AmbientLight": 2.2,
     "FillLight": 0.8,

@@ -33,10 +33,12 @@ MODELS = {
     "autopilot and `lag`": lagging_attitude_model(AUTOPILOT_RESPONSE, ROTOR_LAG, LATERAL_DISTURBANCES),
     "height": vertical_model(ROTOR_LAG, VERTICAL_DISTURBANCES),
 }
+# Field of a chain for each symbol in the page's equations.
 FIELD_NAMES = {
     "p": "position", "v": "velocity", "s": "thrust", "j": "jerk", "a": "snap",
     "d_1": "first", "d_2": "second", "e": "second_rate", "δ": "bias",
 }  # fmt: skip
+# Values of the constants in the page's equations.
 SYMBOL_VALUES = {
     "T": ROTOR_LAG, "ω": AUTOPILOT_RESPONSE.natural_frequency, "ζ": AUTOPILOT_RESPONSE.damping,
     "T_1": LATERAL_DISTURBANCES.first.time, "T_2": LATERAL_DISTURBANCES.second.time,
