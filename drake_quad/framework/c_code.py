@@ -47,8 +47,10 @@ class _Template(NamedTuple):
     limits: tuple[int, ...]
 
 
-# Precedence of a name, a number or a call, of a unary operator, and of the weakest operator in an argument of a call.
-_ATOM, _UNARY, _ANY = 16, 15, 0
+# Precedences in C. A larger number binds more tightly.
+_ATOM = 16  # name, number or call
+_UNARY = 15  # unary operator
+_ANY = 0  # weakest operator, which is allowed in an argument of a call
 
 
 def _call(text: str, operands: int = 1) -> _Template:
@@ -64,7 +66,8 @@ def _in_parentheses(operator: str, precedence: int) -> _Template:
     return _Template(f"{{0}} {operator} {{1}}", precedence, (_UNARY, _UNARY))
 
 
-# C expression for each operation, as `INSTRUCTIONS` in `drake_quad.framework.instructions` for LLVM.
+# C expression for each operation. `drake_quad.framework.instructions` contains the LLVM instructions for the same
+# operations.
 EXPRESSIONS = {
     "add": _left_associative("+", 12),
     "subtract": _left_associative("-", 12),
@@ -230,7 +233,8 @@ class Precision(NamedTuple):
     num_bytes: int
 
 
-DOUBLE, SINGLE = Precision("double", "", 8), Precision("float", "f", 4)
+DOUBLE = Precision("double", "", 8)
+SINGLE = Precision("float", "f", 4)
 PRECISIONS = {"double": DOUBLE, "single": SINGLE}
 """Floating-point formats of exported code, by name."""
 
@@ -253,7 +257,7 @@ class Functions:
         self._names: dict[Function | Branch | SymbolLayer, str] = {}
 
     def elementary(self, function: Function) -> tuple[str, ...] | str:
-        """Return the names of functions of `math.h`, one for each result; or the name of a static function."""
+        """Return the name of a static function, or for single precision the `math.h` function for each result."""
         if self.precision is SINGLE:
             return _SINGLE_PRECISION_FUNCTIONS[function.name]
         return self._named(function, f"approximate_{function.name}", self._branch_text, function.approximation)
@@ -489,7 +493,7 @@ class Body:
         return Expression(f"{bits}" if bits < _MAX_PLAIN_WORD else f"UINT64_C({bits:#x})", _ATOM)
 
     def _stored(self, line: int, expression: Expression) -> Expression:
-        """Return an expression, or the name of a new variable with its value."""
+        """Return a short expression that is used once unchanged; store others in variables, and return the name."""
         is_short = len(expression.text) <= _MAX_INLINE_LENGTH
         if self._uses[line] == 1 and line not in self._names and is_short:
             return expression

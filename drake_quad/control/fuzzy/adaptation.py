@@ -136,7 +136,7 @@ def _outputs_of_single_sets(weights: Sequence[Row], fractions: Sequence[Sequence
 
 
 def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Sequence[Row]) -> Antecedents:
-    """Return the gradient ∂τ_f/∂θ as a record of the antecedents; zero for the scales, which do not learn.
+    """Return the gradient ∂τ_f/∂θ as an `Antecedents`; zero for the scales, which do not learn.
 
     Args:
         values: values of the inputs, each in its unit.

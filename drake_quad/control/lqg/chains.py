@@ -167,7 +167,7 @@ def lateral_model(
 
     Args:
         lag: time constant of the rotors, s; None if the response of the attitude includes this lag.
-        response: response of the attitude with an autopilot; None without an autopilot, which requires a lag.
+        response: response of the attitude with an autopilot; None without an autopilot, so that `lag` is required.
         disturbances: modelled disturbances.
     """
     if response is None:

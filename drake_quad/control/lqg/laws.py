@@ -479,7 +479,7 @@ def corrected_acceleration(reference: Reference, correction: Acceleration | None
 
 
 def _deviation(chain: Any, *motion: Row) -> Any:
-    """Return a chain minus the reference's position, velocity, acceleration, jerk and snap, if these are states."""
+    """Subtract the reference's position, velocity, acceleration, jerk and snap from the states of a chain."""
     target = dict(zip(("position", "velocity", "thrust", "jerk", "snap"), motion, strict=True))
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 

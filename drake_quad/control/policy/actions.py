@@ -103,7 +103,8 @@ class SpeedScale(NamedTuple):
 
 def saturate_action(action: Row) -> Row:
     """Return an action saturated at -1 and 1; NaN if the action is NaN or infinite, so that the flight ends."""
-    # Comparisons with NaN are false, so that saturation would convert NaN to -1 or 1. 0 · NaN and 0 · ∞ are NaN.
+    # Saturation alone would convert NaN to -1 or 1, because comparisons with NaN are false. The added product is NaN if
+    # the action is NaN or infinite.
     return minimum(maximum(action, -1.0), 1.0) + 0.0 * action
 
 
