@@ -95,7 +95,7 @@ def integrating_law(
 ) -> Torque:
     """Return the torque of an `IntegratingAttitudeController`: `geometric_law` minus I times the integral.
 
-    The error of this tick is first added to the integral, multiplied by the period (s). A period of zero omits this.
+    If the period (s) is positive, the error of this tick is first added to the integral, as by `integrated_rotation`.
     """
     if period > 0.0:
         integral = integrated_rotation(integral, measurement, attitude, parameters, period)

@@ -221,9 +221,9 @@ def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
 def _function(approximation: _Formula) -> _Formula:
     """Decorate the approximation of an elementary function.
 
-    A function is recorded as a call instead of its approximation's operations if the listing of recorded operations is
-    for a language that can call it (see `Listing.calls_functions`). The name of the called function consists of the
-    formula's name and the names of the options that are true.
+    If the listing to which the arguments belong records calls (see `Listing.calls_functions`), one call is recorded
+    instead of the operations of the approximation. The name of the called function consists of the formula's name and
+    the names of the options that are true.
     """
 
     @functools.wraps(approximation)

@@ -439,7 +439,7 @@ class Body:
         self.results = [self._expressions[symbol.line] for symbol in symbols]
 
     def _count_uses(self, results: Sequence[int]) -> list[int]:
-        """Return for each line how often the results and those lines that are needed for them use it."""
+        """Return how often each line is used by the results and by the lines that are needed for them."""
         uses = [0] * len(self._operations)
         for line in results:
             uses[line] += 1
@@ -493,7 +493,7 @@ class Body:
         return Expression(f"{bits}" if bits < _MAX_PLAIN_WORD else f"UINT64_C({bits:#x})", _ATOM)
 
     def _stored(self, line: int, expression: Expression) -> Expression:
-        """Return a short expression that is used once unchanged; store others in variables, and return the name."""
+        """Return an expression that is short and used once; store other values in variables and return the names."""
         is_short = len(expression.text) <= _MAX_INLINE_LENGTH
         if self._uses[line] == 1 and line not in self._names and is_short:
             return expression

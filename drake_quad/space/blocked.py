@@ -37,8 +37,8 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         search = _Search(Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
-            # Even if each leg has a route, no route of a leg may start where the preceding leg can end. Therefore
-            # connections from waypoint 0 are also checked.
+            # Even if each leg has a route, it can happen that no route of a leg starts where the preceding leg can end.
+            # Therefore the route from waypoint 0 is also checked.
             for first in dict.fromkeys((last - 1, 0)):
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))

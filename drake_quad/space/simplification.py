@@ -97,7 +97,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
     margin = max(_MIN_ROUNDING_MARGIN, _ROUNDING_ERROR * float(np.abs(corners).max() / widths.min()))
     hulls = []
     for each in (offsets / size, as_wide_as_long):
-        enlarged = _around(as_wide_as_long, as_wide_as_long[_spread(each, max_corners)], margin)
+        enlarged = _scaled_to_contain(as_wide_as_long, as_wide_as_long[_select_corners(each, max_corners)], margin)
         hulls.append(middle + (enlarged * widths) @ axes)
     growths = [float(hull.distances(each).max()) for each in hulls]
     best = int(np.argmin(growths))
@@ -117,7 +117,7 @@ def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return middle, widths, axes
 
 
-def _spread(corners: np.ndarray, count: int) -> np.ndarray:
+def _select_corners(corners: np.ndarray, count: int) -> np.ndarray:
     """Return the indices of `count` corners, each selected as the farthest from the hull of the preceding corners."""
     candidates = np.arange(len(corners))
     if len(corners) > _MAX_CANDIDATES:
@@ -125,7 +125,7 @@ def _spread(corners: np.ndarray, count: int) -> np.ndarray:
     tried = corners[candidates]
     selected = list(dict.fromkeys([*tried.argmax(axis=0).tolist(), *tried.argmin(axis=0).tolist()]))
     while len(selected) < count:
-        distances = _outside(tried, tried[selected])
+        distances = _distances_from_hull(tried, tried[selected])
         distances[selected] = -np.inf
         selected.append(int(distances.argmax()))
     numbers: np.ndarray = candidates[selected]
@@ -141,7 +141,7 @@ def _directions(count: int) -> np.ndarray:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
-def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _distances_from_hull(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the distances (n,) of points (n, 3) from the hull of corners, normal to its faces; negative inside.
 
     If the corners span only a plane, a line or a point, the distance is measured from this subspace.
@@ -164,7 +164,7 @@ def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return equations[:, :3], -equations[:, 3]
 
 
-def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
+def _scaled_to_contain(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
     """Shift corners, and scale them by the smallest factor with which their hull contains all points.
 
     Args:

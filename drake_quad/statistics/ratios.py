@@ -37,8 +37,8 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
     if n < 2:
         return Interval(ratio, math.nan, math.nan)
     # Let d be R minus the estimated ratio, e = a - ratio b the residuals, whose mean is zero, and q the squared
-    # quantile of Student's distribution divided by n. The set consists of all R with (mean² - q var(b)) d² + 2 q cov(e,
-    # b) d - q var(e) <= 0.
+    # quantile of Student's distribution divided by n. The set consists of all R with
+    # (mean² - q var(b)) d² + 2 q cov(e, b) d - q var(e) <= 0.
     q = float(scipy.special.stdtrit(n - 1, 0.5 * (1.0 + confidence))) ** 2 / n
     (var_e, cov), (_, var_b) = np.cov(np.stack([values - ratio * baseline, baseline]))
     square, half = mean**2 - q * var_b, q * cov

@@ -175,12 +175,14 @@ def test_the_distance_from_a_flat_hull_is_measured_from_the_span_of_its_corners(
         ):
             flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [-0.2, 0.7, 0.0]])[:count]
             away = size * np.array([2.0, -3.0, 1.0])
-            actual = simplification._outside(size * points + away, size * flat + away)
+            actual = simplification._distances_from_hull(size * points + away, size * flat + away)
             np.testing.assert_allclose(actual, size * distances, atol=1e-9 * size)
         solid = np.vstack([flat, [0.3, 0.2, -0.9]])
         hull = convex_hull(solid)
         expected = (points @ np.array(hull.normals).T - hull.offsets).max(axis=1)
-        np.testing.assert_allclose(simplification._outside(size * points, size * solid), size * expected, rtol=1e-6)
+        np.testing.assert_allclose(
+            simplification._distances_from_hull(size * points, size * solid), size * expected, rtol=1e-6
+        )
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])

@@ -1,6 +1,6 @@
 """Interval type-2 fuzzy inference with elliptic membership functions.
 
-Equation numbers refer to Kayacan and Maslim (2016), "the paper":
+Equation numbers refer to Kayacan and Maslim (2016), called "the paper" below:
 
     (11), (12) μ(x) = (1 - |u|^a)^(1/a) with u = (x - c) / d where |u| < 1, else 0: the upper membership for an exponent
                a = a1 > 1, the lower membership for a = a2 < 1

@@ -1,6 +1,6 @@
 """Learning laws for the weights of a network, all with the same interface.
 
-Equation numbers refer to Kayacan and Maslim (2016), "the paper":
+Equation numbers refer to Kayacan and Maslim (2016), called "the paper" below:
 
     (14) τ = τ_c - τ_f, with the PD command τ_c           (15) s_p = ė + λ e
     (16) Ḟ = -K_D P W s_p                                 (17) Ṗ = -P W Wᵀ P

@@ -64,12 +64,12 @@ def firing_on_axes(
     return tuple(
         [
             firing_strengths(input_values(axis, inputs, signals_by_name, time, lap_times), sets)
-            for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
+            for axis, sets in zip(axes, _antecedents_on_axes(axes, antecedents), strict=True)
         ]
     )
 
 
-def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
+def _antecedents_on_axes(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
     """Return the antecedents on each axis; a single `Antecedents` applies to all axes."""
     return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
@@ -134,7 +134,7 @@ class FuzzyRules(FleetSystem):
         antecedents: Any
         if adaptive:
             antecedents = self.input(
-                "antecedents", layout=layout_of_antecedents(_for_each(axes, parameters.antecedents))
+                "antecedents", layout=layout_of_antecedents(_antecedents_on_axes(axes, parameters.antecedents))
             )
         else:
             antecedents = self.parameter("antecedents", lambda parameters: parameters.antecedents)

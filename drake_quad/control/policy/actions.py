@@ -186,7 +186,7 @@ def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) 
     Args:
         action: four components.
         scale: rotor speeds for actions of -1 and 1.
-        order: index in the action of each rotor.
+        order: index of each rotor's speed in the action.
     """
     total: list[Row] = [0.0, 0.0, 0.0, 0.0]
     for row, wrench in zip(order, scale.wrenches, strict=True):

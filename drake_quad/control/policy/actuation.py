@@ -150,7 +150,7 @@ class RotorSpeedActuation(FleetSystem):
 
     Args:
         num_vehicles: number of vehicles N.
-        order: index in the action of each rotor.
+        order: index of each rotor's speed in the action.
         parameters: rotor speeds for actions of -1 and 1.
     """
 

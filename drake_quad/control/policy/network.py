@@ -190,5 +190,5 @@ def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[R
 
 
 def _gates(rows: Sequence[Row], units: int) -> list[Sequence[Row]]:
-    """Return the parts that belong to the reset gate, to the update gate and to the proposed memory."""
+    """Split values into those of the reset gate, of the update gate and of the proposed memory."""
     return [rows[first : first + units] for first in range(0, len(rows), units)]

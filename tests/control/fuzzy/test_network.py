@@ -182,7 +182,7 @@ def test_reversing_the_sign_in_eq_14_increases_the_error():
 @pytest.mark.long
 @pytest.mark.parametrize("laboratory", ["nominal", "low_wind"])
 def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, laboratory):
-    """The error falls by 43 % in at least 95 of 100 samples, and none crashes."""
+    """The network reduces the error by at least 43 % in at least 95 of 100 samples, and no sample crashes."""
     pd, network = (
         fly_samples(scenario_with(controller, laboratory=laboratory), range(100)) for controller in ("pd", "pd_t2fnn")
     )
