@@ -140,7 +140,7 @@ OBSERVABLE_SIGNALS = {
     "reference_ahead": ObservableSignal(
         None,
         _reference_ahead,
-        "from the vehicle to future positions of the reference, 3 rows for each time of `ahead` (m)",
+        "from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
     ),
     "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw in W, in any frame (rad)"),
     "rotation": ObservableSignal(
