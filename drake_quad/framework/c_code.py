@@ -6,8 +6,8 @@ or has a name in the formula. Other lines become part of the expression that use
     const double e_x = reference->x - measurement->x;
     result->pd.x = gains->k_p.x * e_x + gains->k_d.x * v_x;
 
-In double precision, every result is equal to that of the machine code from `drake_quad.framework.instructions`, to the
-last bit, if the compiler neither contracts nor reorders operations (`-ffp-contract=off`, without `-ffast-math`).
+In double precision, every result is bitwise equal to that of the machine code from `drake_quad.framework.instructions`.
+This requires that the compiler neither contracts nor reorders operations (`-ffp-contract=off`, without `-ffast-math`).
 Elementary functions are the approximations of this package. In single precision, they are the functions of `math.h`.
 """
 

@@ -154,8 +154,8 @@ def lazy_where(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Ro
     """Return `where(mask, formula(*arguments), otherwise)`, but evaluate the formula only where it is needed.
 
     Use this function for expensive formulas that few vehicles need. Python evaluates the formula only for vehicles for
-    which the mask is true. Machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of
-    Expression are not supported.
+    which the mask is true. Machine code evaluates it for all vehicles in a vector register if at least one of them
+    needs it. Rows of Expression are not supported.
 
     Args:
         mask: Boolean for each vehicle, true if the vehicle needs the formula.

@@ -5,8 +5,8 @@
 2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
    corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
 
-The result contains the original hull. No point of the result is farther from the original hull than one of its corners,
-so the distance of the corners bounds the error.
+The result contains the original hull. The point of the result that is farthest from the original hull is one of its
+corners, so only the distances of the corners are computed.
 
 The algorithm runs twice: with distances in metres, and with distances in principal axes that are scaled so that the
 hull has the same width along each axis. The better result is returned.

@@ -1,7 +1,7 @@
 """Ratio of the mean of a metric in one study to its mean in another study with the same samples.
 
-The estimated ratio is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ if b varies,
-and only E[a] / E[b] is above 1 if and only if the difference E[a] - E[b] is positive.
+The estimated ratio is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ if b varies.
+Only E[a] / E[b] agrees with the difference of the means: it is above 1 if and only if E[a] - E[b] is positive.
 """
 
 import math

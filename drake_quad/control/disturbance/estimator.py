@@ -139,8 +139,8 @@ class DisturbanceEstimator(FleetSystem):
     include it. `correction` and `feed_forward` are zero if not connected. The command is only sampled at the ticks, so
     that it may depend on the disturbance.
 
-    The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
-    `commands_in_transit`, the commands in the delay line. The only parameter of the context is `parameters`.
+    The states are `memory` (memory of the law), `following` (modelled response) and, if there is a delay,
+    `commands_in_transit` (commands in the delay line). The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -2,8 +2,9 @@
 
 Along X and Y the vehicle is accelerated by the horizontal specific thrust s, which depends on the attitude. Without an
 autopilot the command u is a snap, which the torques produce with the lag T of the rotors. With an autopilot the command
-is an acceleration, an angle times g. Either the attitude follows this command with a second-order lag, or its angular
-acceleration follows the command of the on-board loops with the lag of the rotors:
+is an acceleration, an angle times g. In the simpler model with an autopilot, the attitude follows this command with a
+second-order lag. In the other one, the on-board loops command an angular acceleration, which is reached with the lag of
+the rotors:
 
     p' = v    v' = s + d₁ + d₂    s' = j
 
