@@ -110,7 +110,7 @@ recovery:
 
 
 @pytest.mark.long
-def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_paper(tmp_path):
+def test_vehicles_recover_from_any_attitude_with_the_sample_rates_and_delay_of_the_paper(tmp_path):
     """The vehicles start at rest: upside down, at 178° about several axes, and at a hundred random attitudes."""
     path = tmp_path / "recovery.yaml"
     path.write_text(RECOVERY_SCENARIO)

@@ -241,7 +241,7 @@ def test_the_attitude_target_is_held_between_the_ticks_of_the_loops():
         ("onboard", [], {**PX4_CONTROL, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
-def test_flights_of_cascades_agree_compiled_uncompiled_and_in_fleets(scenario, layers, overrides):
+def test_cascades_fly_equally_compiled_uncompiled_and_in_fleets(scenario, layers, overrides):
     loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
     assert_flown_alike(Batch.draw(loaded, range(2)))
 

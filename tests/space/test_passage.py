@@ -184,7 +184,7 @@ def test_random_passages_differ_only_if_their_lengths_are_similar():
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
-def test_passage_lengths_include_the_distance_from_a_waypoint_to_its_region_s_centre():
+def test_passage_lengths_include_the_distance_from_a_waypoint_to_the_centre_of_its_region():
     """Two large boxes each contain both ends. The distances from an end to the centres determine which box is used."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]

@@ -26,7 +26,7 @@ def test_a_comparison_with_a_level_within_the_interval_is_undecided(level, expec
     assert EXAMPLE.is_above(level) is expected
 
 
-def test_an_unbounded_interval_decides_no_comparison_on_its_open_side():
+def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
     assert Interval(1.0, math.nan, math.nan).is_above(0.0) is None
     assert Interval(1.0, 0.5, math.inf).is_above(0.0) is True
     assert Interval(1.0, -math.inf, 2.0).is_above(0.0) is None

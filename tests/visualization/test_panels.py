@@ -123,7 +123,7 @@ def test_the_view_of_a_hover_spans_half_a_metre(hover):
 
 
 @pytest.mark.slow
-def test_a_plan_fills_its_page_and_has_the_clearance_of_its_obstacles():
+def test_the_plot_of_a_plan_fills_its_figure_and_shows_the_clearance_of_obstacles():
     scenario = load_scenario("figure_eight")
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)),), 0.1)
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario), space=space)

@@ -83,7 +83,7 @@ def test_chain_models_match_the_equations_on_the_documentation_page(chain):
         assert disturbed == (model.Q[row, row] > 0.0), state
 
 
-def test_disturbances_have_their_deviations_and_the_second_one_is_critically_damped():
+def test_disturbances_have_the_given_deviations_and_second_order_ones_are_critically_damped():
     model = MODELS["torques"]
     indices = [model.kind._fields.index(name) for name in ("first", "second", "second_rate", "bias")]
     block = np.ix_(indices, indices)
