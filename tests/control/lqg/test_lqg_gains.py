@@ -144,7 +144,7 @@ def test_the_outer_gain_divides_the_position_gain_in_equilibrium():
 
 
 def test_the_shipped_design_gives_the_recorded_gains():
-    """The recorded gains, which a search found, have four digits."""
+    """The gains that the search found were recorded with four digits."""
     lateral = torque_model(
         0.05, Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
     )

@@ -278,7 +278,7 @@ def test_the_vertical_thrust_compensates_the_estimated_disturbance():
     output = regulator_output(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     disturbance = estimate.z.first + estimate.z.second
     assert output.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - disturbance)
-    # The vertical specific thrust stays above its lower limit, so no division by zero occurs.
+    # The vertical specific thrust does not fall below its lower limit, so no division by zero occurs.
     falling = REFERENCE._replace(a_z=-50.0)
     limited = regulator_output(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert limited.upward == pytest.approx(2.0 / 0.68)
