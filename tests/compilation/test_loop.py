@@ -108,7 +108,7 @@ def test_the_number_of_log_columns_is_rounded_up_to_whole_vectors_of_vehicles():
 
 
 def listing_with_late_uses():
-    """Return a listing that uses numbers, truth values, integer words and parameters again after many operations."""
+    """Return a listing in which numbers, booleans, 64-bit words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)

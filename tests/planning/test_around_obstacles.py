@@ -136,7 +136,7 @@ IMPOSSIBLE_PLANS = {
     ),
     "a gate inside an obstacle": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
-        "waypoint 1, .* has no point with a clearance of 0.27 m .*: ball is too near",
+        "waypoint 1, .* contains no point with a clearance of 0.27 m .*: ball is too near",
     ),
     "a route of another kind through obstacles": (
         ["route={kind: circle, radius: 2.1, height: 1.2}"],
