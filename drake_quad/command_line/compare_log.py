@@ -115,7 +115,7 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
         remark(
             f"the logged thrust and torque are converted to rotor commands with `nominal` of {vehicle.name}, which has"
             f" identified values ({join_names(nominal)}); the prediction is wrong unless the firmware assumed these"
-            " values in the flight; the file that identify writes without --nominal has the values of the firmware"
+            " values in the flight; if it did not, use a file that identify wrote without --nominal"
         )
     print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
     print_predictions(predict(record, {vehicle.name: median_scenario(vehicle)}))

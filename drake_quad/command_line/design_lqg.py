@@ -42,8 +42,8 @@ def options() -> argparse.ArgumentParser:
         type=float,
         default=default.snap,
         metavar="SIZE",
-        help="largest root mean square of the command along x and y if torques are sent over the link, m/s⁴ (default:"
-        " %(default)s, or twice the snap that compensates the disturbance torque, if this is larger)",
+        help="largest root mean square of the command along x and y if torques are sent over the command link, m/s⁴"
+        " (default: %(default)s, or twice the snap that compensates the disturbance torque, if this is larger)",
     )
     result.add_argument(
         "--acceleration",

@@ -230,7 +230,7 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
         several: help text on the use of several controllers; None if the command accepts only one controller.
     """
     help_text = (
-        "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, a Drake system in"
+        "controller that replaces the controller of the scenario: a controller in YAML as FILE:NAME, a Drake system in"
         " Python as FILE.py:CLASS, or a folder with exported C code; assignments as for --set may follow, as in"
         " 'mine.py:Mine control.position.k_p=2'"
     )

@@ -1,4 +1,4 @@
-"""Duration of a flight, and start and end of its metric window."""
+"""Duration of a flight, and the time window in which its metrics are computed."""
 
 import math
 
@@ -99,7 +99,7 @@ def _check_boxes(positions: np.ndarray, scenario: Scenario) -> None:
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:
-    """Return the end of the metric window, s, or infinity if the window ends with the flight.
+    """Return the end of the metric window, s; infinity if metrics are computed until the end of the flight.
 
     If the window begins with a lap, it ends with the last lap, even if the flight continues.
     """
