@@ -169,13 +169,13 @@ def improve_repeatedly(
 ) -> PolynomialPath:
     """Apply changes to a path until the cost no longer decreases, and return the best path.
 
-    A change assumes that the path keeps its present contacts with corridors and its points in the waypoint regions. The
-    reach is reduced if the cost increases because this assumption is violated.
+    A change assumes that the path keeps its present contacts with corridors and its points in the waypoint regions. If
+    the cost increases because this assumption is violated, smaller changes are tried.
 
     Args:
         path: initial path.
-        change: function of a path and a reach that returns a new path. The reach is the largest change of the logarithm
-            of a duration.
+        change: function of a path and a reach that returns a new path. The reach is the largest permitted change of the
+            logarithm of a duration.
         cost: function that returns the cost of a path.
     """
     max_log_change = _INITIAL_LOG_CHANGE

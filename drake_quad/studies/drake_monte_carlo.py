@@ -30,7 +30,7 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         (n,) values of each metric.
 
     Raises:
-        InputError: `build_tracking_diagram` cannot build the diagram of a sample.
+        InputError: if `build_tracking_diagram` cannot build the diagram of a sample.
     """
     seed = scenario.seed if seed is None else seed
     plan = plan_route(scenario)

@@ -79,7 +79,7 @@ def sobol_indices(
             another study.
         ImportError: if the library SALib is not installed.
         RuntimeError: if workers cannot fly a point.
-        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
+        StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     if metric != CRASHED:
         lookup(metric_definitions(scenario.metrics_type), metric, "metric")

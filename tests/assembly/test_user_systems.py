@@ -64,7 +64,7 @@ def test_the_message_about_an_unsuitable_port_names_the_port(diagrams, argument,
     assert sentence in str(caught.value)
 
 
-def test_objects_that_are_not_systems_or_have_ports_with_too_few_rows_are_refused(diagrams):
+def test_objects_that_are_not_systems_or_have_ports_of_the_wrong_size_are_refused(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match="must be a Drake system, an object and not its class or a function that"):
         simulate(scenario, position_controller=WithPorts)

@@ -399,7 +399,7 @@ def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
         ),
     ],
 )
-def test_wind_with_a_mean_of_zero_is_drawn(run, tmp_path, wind, remark):
+def test_wind_with_a_mean_of_zero_is_plotted(run, tmp_path, wind, remark):
     changes = ("duration=0.5", "vehicle.linear_drag=0.1", f"laboratory.wind={wind}")
     arguments = ["diagrams/hover.yaml", *(part for change in changes for part in ("--set", change))]
     result = run("fly", *arguments, "--output", tmp_path)
@@ -789,7 +789,7 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
         (path.read_text(encoding="utf-8").partition("\nlog180:")[2]).splitlines()
         for path in (tmp_path / "mine.yaml", ROOT / "diagrams" / "crazyswarm2.yaml")
     ]
-    # log180 does not determine the centre of mass, about 30 µm, to 2 %, so its tolerance is 2 µm.
+    # The centre of mass is only about 30 µm off the origin in log180, so its tolerance is absolute, 2 µm.
     atol = 0.0
     for mine, shipped in zip(*lines, strict=True):
         if mine.endswith(":"):
@@ -847,7 +847,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     lines = [line.split() for line in result.stdout.splitlines() if "of" in line.split()]
     assert result.stdout.startswith("3 flights")
-    # Two estimates have errors of 2 and -1 standard deviations; their mean divided by their spread is 0.05 / 0.15.
+    # The two estimates of the inertia have errors of 0.2 and -0.1, with mean 0.05 and standard deviation 0.15.
     assert lines[0] == ["inertia[0]", "1", "of", "2", "50", "%", "[1,", "99]", "+0.33", "0.63", "0.16", "1"]
     assert lines[1][:4] == ["linear_drag", "0", "of", "1"]
     assert lines[1][-1] == "2"
