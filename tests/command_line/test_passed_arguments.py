@@ -334,7 +334,7 @@ def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced,
     assert written(result) == [str(tmp_path / name / "results.csv") for name in ("pd", "pid")]
 
 
-def test_a_study_draws_only_figures_that_have_samples(replaced, monkeypatch):
+def test_a_study_saves_only_figures_that_show_samples(replaced, monkeypatch):
     for name in ("distribution", "convergence", "influences", "crash_probability"):
         monkeypatch.setattr(f"drake_quad.visualization.study_plots.plot_{name}", lambda *arguments: arguments[1])
     replaced("study", save_figures=lambda figures, folder, vector: (figures, folder, vector))

@@ -368,8 +368,8 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     lines = printed.out.splitlines()
     assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
-    # The standard deviation is 0.02 kg for the mean, and √(0.02² + 0.04²) kg for a new flight. The sum has 6.25 degrees
-    # of freedom.
+    # The standard deviation is 0.02 kg for the mean, and √(0.02² + 0.04²) kg for a new flight, where the sum of the
+    # variances has 6.25 degrees of freedom.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
     assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]

@@ -80,7 +80,7 @@ class DifferenceEstimator:
     Args:
         filters: matrices (A, B, c) of each axis: x' = A x + B r, d = c x.
         h: tick period, s.
-        rows: rows of the measurement that are differentiated.
+        rows: slice of the measurement that contains the velocity or rate to be differentiated.
     """
 
     def __init__(self, filters, h, rows):
@@ -94,13 +94,13 @@ class DifferenceEstimator:
 
     @classmethod
     def adaptive(cls, parameters, h):
-        """Return an L1 estimator: r decays with the prediction error for a tick, then passes ω / (s + ω)."""
+        """Return an L1 estimator: r decays exponentially for a tick, and ω / (s + ω) filters it."""
         decay = math.exp(-parameters.adaptation * h)
         return cls([([[-w]], [[w]], [decay]) for w in parameters.bandwidth], h, slice(6, 9))
 
     @classmethod
     def incremental(cls, bandwidths, h, rows):
-        """Return an INDI estimator: r passes ω² / (s² + √2 ω s + ω²)."""
+        """Return an INDI estimator, in which ω² / (s² + √2 ω s + ω²) filters r."""
         return cls(
             [([[0.0, 1.0], [-w * w, -math.sqrt(2.0) * w]], [[0.0], [w * w]], [1.0, 0.0]) for w in bandwidths], h, rows
         )
