@@ -43,7 +43,7 @@ from drake_quad.statistics.interval import Interval
 _MAX_SAMPLES = 10_000  # largest number of simulated flights
 # Scenarios need a route to be valid, although the reference of the log replaces it.
 _PLACEHOLDER_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
-_STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
+_STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95th percentile"}
 
 
 def options() -> argparse.ArgumentParser:

@@ -65,8 +65,9 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--draws",
         choices=DRAWS,
-        help="draws of the random parameters: independent samples, or replicates that cover the distributions evenly,"
-        " whose means are often more precise (default: random, unless the scenario states its draws)",
+        help="method by which random parameters are drawn: independently (random), or in replicates that cover the"
+        " distributions evenly (latin_hypercube, sobol), which often makes means more precise (default: the method of"
+        " the scenario, or random)",
     )
     result.add_argument("--batch", type=int, help="number of vehicles in a fleet (default: about a thousand)")
     add_workers(result, task="study")

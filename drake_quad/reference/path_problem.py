@@ -134,7 +134,7 @@ class PathProblem:
 
     def without_limits(self) -> "PathProblem":
         """Return the same problem without limits on speed and acceleration."""
-        # The checks of the constructor have already passed.
+        # The copy skips the checks of the constructor, which this problem has already passed.
         problem = copy.copy(self)
         vars(problem).update(limits=PathLimits(), start=self.representatives())
         vars(problem).pop("_representatives", None)

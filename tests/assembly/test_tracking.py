@@ -75,8 +75,8 @@ def test_a_derivative_of_the_measurement_causes_an_error_of_k_d_over_k_p_times_t
     velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
     assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # On the figure eight, the error is about (k_D / k_P) v, which is metres instead of centimetres. In curves it is
-    # even larger, since they are too fast for the bandwidth of such a slow loop.
+    # On the figure eight, the error is metres instead of centimetres: about (k_D / k_P) v, and more in curves, which
+    # are too fast for the bandwidth of this loop.
     gains_of_the_paper = [
         f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")
     ]

@@ -354,7 +354,7 @@ def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
-def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
+def test_map_prints_the_fraction_of_stable_gains_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % do not crash", result.stdout, re.MULTILINE)
@@ -896,7 +896,7 @@ def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path,
         ),
     ],
 )
-def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_an_impossible_check_of_the_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
     (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
     head = "# wind seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
     (tmp_path / "before.csv").write_text(head, encoding="utf-8")
