@@ -129,7 +129,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     """Return the recipe for the vehicle.
 
     Raises:
-        InputError: if the rotors of a drawn vehicle cannot produce every torque.
+        InputError: if the rotors of a vehicle in the batch cannot produce every torque.
     """
     vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_parameters()

@@ -3,7 +3,7 @@
 reference ──▶ control ──▶ laboratory
 │            ▲             │
 │            └─measurement─┘
-└──▶ monitor, recorder ◀── (all of them)
+└──▶ monitor, recorder ◀── signals of all diagrams
 """
 
 from collections.abc import Mapping

@@ -59,8 +59,8 @@ def options() -> argparse.ArgumentParser:
         metavar="FIELD=PERCENT%",
         action="append",
         default=[],
-        help="give a field a range of this size about its value, as in vehicle.mass=10%%; the scenario's own"
-        " distributions are then replaced by their medians; can be given several times",
+        help="vary a field by up to this percentage of its value, as in vehicle.mass=10%%; the distributions of the"
+        " scenario are then replaced by their medians; can be given several times",
     )
     add_controller(result)
     return result
@@ -84,7 +84,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_certificate(scenario, found)
     if found.stable_scale > 0.0:
         print_joint_disk_margin(joint_disk_margin(median))
-    print(f"computed from {found.num_loops:,} exact loops in {seconds:.0f} s")
+    print(f"computed from {found.num_loops:,} exact linear models of the loop in {seconds:.0f} s")
     files = write_tables(folder, median, found)
     for name, failing, sentences in failing_flights(median, found):
         files.append(folder / name)
@@ -147,7 +147,7 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
             raise InputError(f"--vary {text}: must be FIELD=PERCENT% between 0 % and 100 %, as in vehicle.mass=10%")
         value = number_at(median, path)
         if value == 0.0:
-            raise InputError(f"--vary {text}: {path} is 0, so a percentage of it is no range")
+            raise InputError(f"--vary {text}: {path} is 0, so a percentage does not give it a range")
         low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
         ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
     return map_leaves(median, lambda path, value: ranges.get(path, value))
@@ -192,8 +192,8 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         )
     if found.gap > _MAX_GAP:
         remark(
-            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is neither proved nor"
-            " disproved to be stable"
+            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is not proved to be"
+            " stable, and no instability was found"
         )
     if found.left_out:
         remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")

@@ -71,7 +71,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_plants(design)
     print()
     print_margins(link_margins(median_scenario(designed)))
-    print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed one:")
+    print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly it:")
     print(f"  {flying_command('study', designed, files[1], '--samples 32')}")
     print_files(files)
 

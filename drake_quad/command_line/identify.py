@@ -300,7 +300,7 @@ def print_estimates(identification: Identification) -> None:
     if 2 * weak > len(estimates.names):
         remark(
             f"the logs identify only {len(estimates.identified)} of {len(estimates.names)} parameters; the others have"
-            " wide distributions in the file, which include model errors, so rather use the initial vehicle"
+            " wide distributions in the file, which include model errors; use the initial vehicle instead"
         )
 
 
@@ -338,7 +338,7 @@ def print_score(identification: Identification) -> None:
         )
         for output in identification.outputs
     ]
-    print("forecast of held-out flight in short windows")
+    print("forecasts of short sections of held-out flight")
     print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 

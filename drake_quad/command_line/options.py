@@ -195,7 +195,7 @@ def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float
 def check_metric(
     scenario: Scenario, name: str, allowed: Sequence[str] | None = None, *, option: str = "--metric"
 ) -> None:
-    """Raise InputError if the value of an option is not the name of an allowed metric; by default all are allowed."""
+    """Raise InputError if an option does not name one of the allowed metrics. By default, all metrics are allowed."""
     names = [*metric_definitions(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
         known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
@@ -212,7 +212,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def parse_overrides(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return overrides for assignments such as `vehicle.mass=0.7`. Error messages about an override name the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`, whose error messages contain the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 

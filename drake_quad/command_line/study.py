@@ -59,8 +59,8 @@ def options() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="RULE",
-        help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or 'rmse ± 1 %%' of the mean; can"
-        " be given several times; --samples is then the largest number of samples",
+        help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or, relative to the mean,"
+        " 'rmse ± 1 %%'; can be given several times; --samples is then the largest number of samples",
     )
     result.add_argument(
         "--draws",

@@ -58,7 +58,7 @@ def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
-    """Raise InputError if braking after a plan violates rotor limits, leaves a box or hits an obstacle."""
+    """Raise InputError if braking after a plan exceeds rotor limits, leaves the permitted space or hits an obstacle."""
     end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
     times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
     try:

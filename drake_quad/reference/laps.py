@@ -62,13 +62,13 @@ def path_of_laps(
 
 
 def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
-    """Return the (3, axes) velocity, acceleration and jerk at the seam of the periodic minimum-snap path.
+    """Return the (3, axes) velocity, acceleration and jerk between two laps of the periodic minimum-snap path.
 
     Args:
         points: (segments + 1, axes) waypoints of a lap, m; the last waypoint equals the first.
         durations: (segments,) durations, s.
         derivatives: (segments + 1, 3, axes) derivatives as for `minimum_snap`. The derivatives at the last waypoint
-            apply to the seam.
+            apply between two laps.
     """
     given = derivatives[-1]
     unknown = np.isnan(given).any(axis=1)

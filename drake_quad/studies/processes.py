@@ -21,7 +21,7 @@ _MAX_COUNT = 2**31 - 1  # largest signed 32-bit integer
 
 
 def check_counts(**counts: int) -> None:
-    """Check that the counts of a mapping from parameter names to counts are between 1 and 2³¹ - 1.
+    """Check that counts, given as keyword arguments, are between 1 and 2³¹ - 1.
 
     Raises:
         InputError: if a count is out of range.

@@ -128,7 +128,7 @@ def sobol_indices(
         values = flights(points[:, :-1], noise)
     if not values.std() > 0.0:
         raise InputError(f"{metric} does not vary")
-    # SALib estimates the intervals by resampling, and ignores a seed of 0. It standardises the values itself.
+    # SALib estimates the intervals by resampling, and ignores a seed of 0. SALib also standardises the values.
     found = analyze.analyze(problem, values, calc_second_order=False, seed=scenario.seed + 1)
     indices = [SobolIndex(name, *(_interval(found, kind, i) for kind in ("S1", "ST"))) for i, name in enumerate(names)]
     return tuple(sorted(indices, key=lambda each: -each.total.value))

@@ -64,7 +64,7 @@ class StoredFlights:
 
     @property
     def rows(self) -> np.ndarray:
-        """Rows (n, 3) of all known flights, sorted by flight."""
+        """Columns of the flights file for all known flights, (n, 3), sorted by flight."""
         return np.array([self._rows[flight] for flight in sorted(self._rows)]).reshape(-1, len(_COLUMNS))
 
     @property

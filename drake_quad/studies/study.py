@@ -224,7 +224,7 @@ def study_row_format(scenario: Scenario) -> RowFormat:
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
-    """Return the content of a results file, with each row marked invalid whose draws do not follow from the seed."""
+    """Return the content of a results file. Rows whose drawn numbers do not follow from the seed become invalid."""
     if not len(stored.rows):
         return stored
     columns = dict(zip(study_columns(scenario), stored.rows.T, strict=True))

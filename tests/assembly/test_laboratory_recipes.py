@@ -226,7 +226,8 @@ def test_steady_winds_are_added_and_calm_air_has_no_recipe(asymmetric):
         assert not any(path.startswith("wind.") for path in recipes)
     drawn_speed = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
     assert "wind.steady" in recipes_of(asymmetric("pid", drawn_speed))
-    # The diagram contains a steady wind if the scenario can draw one or if a vehicle of the batch has one.
+    # The diagram contains a steady wind if the distribution of the scenario allows one, or if a vehicle of the batch
+    # has one.
     calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
     for wind, speeds in ((drawn_speed, (0.0, 0.0)), (calm, (0.0, 1.5))):
         scenario = asymmetric("pid", wind)

@@ -46,7 +46,7 @@ def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_fly_simulates_an_x_layout(run, tmp_path):
-    """An X layout flies as well as a plus layout with arms of the same length. The saved scenario is the flown one."""
+    """An X layout flies as well as a plus layout with equal arms. The saved scenario equals the flown scenario."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
     result = run("fly", *short, tmp_path / "x", "--set", "nominal.layout={kind: x}")
@@ -559,7 +559,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
-    """The metrics of the repeated flight agree with the row of the sample to 1e-9."""
+    """The metrics of the repeated flight agree with the results of the study to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (fly) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
@@ -577,7 +577,7 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("blank_figures", "without_figures")
-def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
+def test_the_worst_samples_are_crashes_and_are_printed_with_their_obstacles(run, tmp_path):
     scenario = tmp_path / "pillars.yaml"
     scenario.write_text(
         "pillars:\n  extends: hover\n  duration: 0.4\n  vehicle: {linear_drag: {uniform: {min: 0.0, max: 1.0}}}\n"
@@ -838,7 +838,10 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
 
 
 def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
-    """The file contains all flights, so the script flies none. One flight identified only the inertia, one nothing."""
+    """The file contains all flights, so the script flies none.
+
+    In the second flight only the inertia was identified, and in the third flight nothing.
+    """
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
     head = ["# wind seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]

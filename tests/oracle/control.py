@@ -477,7 +477,7 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     r = E[2] @ angle_rates
     p_dot = q * r - (y_B @ snap + 2.0 * F_dot * p) / thrust
     q_dot = (x_B @ snap - 2.0 * F_dot * q) / thrust - p * r
-    # Time derivative of E.
+    # Time derivative of E, the matrix of eq (2).
     s, c, s_pitch, c_pitch = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
     phi_dot, theta_dot, _ = angle_rates
     E_dot = np.array(

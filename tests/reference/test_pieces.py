@@ -121,7 +121,10 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
 
 
 def test_files_written_by_other_programs_can_be_read(write):
-    """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
+    """The file has a # before the names, an empty line and a trailing comma.
+
+    Its plan moves 1 m in 2 s, and back in 4 s.
+    """
     plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     fractions = np.linspace(0.0, 1.0, 21)

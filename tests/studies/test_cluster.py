@@ -42,7 +42,7 @@ class Cluster:
         self.address = None
         while self.address is None:
             time.sleep(0.05)
-            with suppress(FileNotFoundError, json.JSONDecodeError):  # the file exists before it is written
+            with suppress(FileNotFoundError, json.JSONDecodeError):  # the file may be missing or incomplete
                 self.address = json.loads(self._file.read_text())["address"]
 
     def add_worker(self, sources=ROOT):

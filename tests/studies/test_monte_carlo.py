@@ -676,7 +676,7 @@ def test_latin_hypercube_and_sobol_draws_do_not_depend_on_batches_workers_or_int
     resumed = run(tmp_path, resume=True, **options)
     assert (tmp_path / "results.csv").read_bytes() == content
     assert 0.0 < resumed.simulated_time < found.simulated_time
-    # The scenario of the folder flies the same sample.
+    # The scenario in the folder reproduces the flight of a sample.
     alone = simulate(load_scenario(tmp_path / "scenario.yaml"), sample=33)
     assert alone.metrics.rmse == pytest.approx(found.metrics.rmse[33], rel=1e-9)
     assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
