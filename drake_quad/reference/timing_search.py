@@ -223,7 +223,7 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
 
 
 def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """Yield durations, (segments,) in s: those with the smallest snap for several totals, and shorter ones near them."""
+    """Yield durations, (segments,) in s: those with the smallest snap for several totals, and shorter ones nearby."""
     for factor in _TRIED_FACTORS:
         try:
             path = _minimum_snap_with_same_duration(problem.without_limits(), factor * stopping)
