@@ -129,7 +129,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     """Return the recipe for the vehicle.
 
     Raises:
-        InputError: if the rotors of a drawn vehicle cannot produce every torque.
+        InputError: if the rotors of a vehicle in the batch cannot produce every torque.
     """
     vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_parameters()
@@ -140,11 +140,9 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # Layouts with paired rotors can produce every torque for all values that can be drawn.
+    # Layouts with paired rotors can produce every torque, whatever values their parameters are drawn with.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
-        raise InputError(
-            f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
-        )
+        raise InputError(f"vehicle.layout cannot produce {missing} in some of the samples; narrow its distributions")
     x, y, z = map(float, plan.waypoints[0])
     start = HoverPose(x, y, z, plan.initial_yaw)
     pose, motion = scenario.initial.pose(fleet.initial, start), scenario.initial.motion(fleet.initial)
@@ -194,7 +192,7 @@ def _check_step(fleet: Any) -> None:
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """Return the recipe for the command link. The link outputs a hover command until the first packet arrives.
+    """Return the recipe for the radio link. Its output is a hover command until the first packet arrives.
 
     Args:
         scenario: scenario that contains the link.
@@ -211,7 +209,7 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the autopilot between link and allocation; empty if the scenario has no autopilot."""
+    """Return the recipe for the autopilot, which follows the radio link; empty if the scenario has no autopilot."""
     settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
     follows_attitude = not scenario.control.commands_rates_only()
     return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)

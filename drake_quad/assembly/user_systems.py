@@ -101,7 +101,7 @@ def check_user_systems(
         systems: systems to check.
         num_vehicles: number of vehicles N.
         command: signal that the command link carries, which a user's control must compute.
-        rows: numbers of rows of `observation` and `action`, if the scenario's control has a policy.
+        rows: sizes of `observation` and `action` for one vehicle, if the scenario's control has a policy.
         sensors: names of the ports of sensors, which a user's control may read.
 
     Raises:
@@ -151,7 +151,7 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     for port, size, rows in [*connected, (output, outputs[output], sizes[ports.output])]:
         if size != rows * num_vehicles:
             fleet = f" for each of {num_vehicles} vehicles" if num_vehicles > 1 else ""
-            raise InputError(f"the port `{port}` of {name} must have {rows} rows{fleet}, but has {size}")
+            raise InputError(f"the port `{port}` of {name} must have {rows} elements{fleet}, but has {size}")
 
 
 def _is_system(thing: Any) -> bool:

@@ -124,7 +124,7 @@ class Polytope:
         self.normals = rows / lengths[:, np.newaxis]
         self.offsets = distances / lengths
         if self.radius < -_RELATIVE_ROUNDING * self._largest_offset:
-            raise InputError(f"a polytope of {len(rows)} faces is empty: no point lies behind all of them")
+            raise InputError(f"a polytope of {len(rows)} faces is empty: no point lies on the inner side of all faces")
 
     @classmethod
     def from_box(cls, box: Box) -> "Polytope":

@@ -104,7 +104,7 @@ def find_worst_case(
             too few flights for one generation; or if the folder contains another study.
         ImportError: if the library cma is not installed.
         RuntimeError: if workers cannot fly a candidate.
-        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
+        StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     lookup(metric_definitions(scenario.metrics_type), metric, "metric")
     check_integer(num_noise, "num_noise", minimum=1)

@@ -1,7 +1,7 @@
 """Probabilities of rare events of a scenario, by subset simulation on fleets.
 
-A sample of the scenario is a point of standard normal space, with a coordinate for each independent random number, and
-an integer for each period of the flight, which determines wind and noise in this period.
+A sample of the scenario consists of a point of standard normal space, with a coordinate for each independent random
+number, and of integers, each of which determines wind and noise in one period of the flight.
 """
 
 import math
@@ -92,7 +92,8 @@ class Event(NamedTuple):
             InputError: if the metric of a flight is not defined.
         """
         if self.metric == _CRASH:
-            # A large position error usually precedes a crash, so it is the measure of how close a flight is to one.
+            # A large position error usually precedes a crash, so the peak error measures how close a flight is to a
+            # crash.
             return np.where(metrics.crashed, 0.0, -1.0 / (1.0 + np.asarray(metrics.peak_error)))
         values = values_with_crashes(metrics, self.metric)
         if np.isnan(values).any():
@@ -123,7 +124,7 @@ class Coordinate(NamedTuple):
 
     @property
     def importance(self) -> float:
-        """Kullback-Leibler divergence of a normal distribution with this mean and deviation from the standard one."""
+        """Kullback-Leibler divergence of the samples from the standard normal distribution, if both are normal."""
         variance = max(self.deviation, 1e-3) ** 2
         return 0.5 * (self.mean.value**2 + variance - 1.0 - math.log(variance))
 
@@ -205,13 +206,13 @@ def estimate_risk(
             so rare that a run does not reach it, almost all flights have the same value of the metric, or the folder
             contains another study.
         RuntimeError: if workers cannot fly a sample.
-        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
+        StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     event = Event.parse(event, scenario) if isinstance(event, str) else event
     check_integer(size, "size", minimum=MIN_SIZE)
     if size % round(1.0 / _STEP_PROBABILITY):
         raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _STEP_PROBABILITY)}")
-    # Most calls evaluate one proposal for each chain of the runs that fly together.
+    # In most calls, each Markov chain of the runs that fly together proposes one flight.
     num_vehicles = MIN_RUNS * round(_STEP_PROBABILITY * size)
     evaluator = Evaluator(
         scenario,
@@ -290,8 +291,9 @@ def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
         if run.probability == 0.0:
             reached = event.value(np.array([run.history[-1][0]]))[0]
             raise InputError(
-                f"{event} is too rare: a run ended below a probability of {math.prod(run.fractions):.0e}"
-                + ("" if event.metric == _CRASH else f" at {event.metric} = {reached:.4g}")
+                f"{event} is too rare: a run ended without the event, at a probability below"
+                f" {math.prod(run.fractions):.0e}"
+                + ("" if event.metric == _CRASH else f" and {event.metric} = {reached:.4g}")
             )
 
 

@@ -74,7 +74,7 @@ def test_a_search_is_continued_only_if_it_is_asked_for(run, tmp_path):
 
 
 @pytest.mark.long
-def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
+def test_studies_with_sobol_draws_state_their_replicates(run, tmp_path):
     options = ["--samples", "64", "--draws", "sobol", "--workers", "1", "--output", tmp_path]
     result = run("study", *HOVER, *options)
     assert result.returncode == 0

@@ -99,7 +99,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
     )
     assert actual.success
     path = constrained_minimum_snap(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
-    # The tested path keeps a margin of 1e-4 below the limit, and the reference has no margin.
+    # The path keeps a margin of 1e-4 below the limit, and the solution of SLSQP has no margin.
     assert snap_cost(path)[0] / cost == pytest.approx(actual.fun, rel=1e-3)
 
 

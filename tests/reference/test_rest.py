@@ -188,7 +188,7 @@ def test_braking_into_an_obstacle_is_rejected():
 @pytest.mark.parametrize("beyond", [0.21, 1.21])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
-    """Braking from 1 m/s needs 1.41 m beyond the end of the route, which is 2 m along x or -x."""
+    """The route ends at x = 2 m or -2 m, and braking from 1 m/s needs another 1.41 m."""
     near, far = sorted((side * -1.0, side * (3.41 - beyond)))
     room = {"min": [near, -1.0, 0.0], "max": [far, 1.0, 2.0]}
     last = {"point": [2.0 * side, 0, 1], "velocity": [side, 0, 0]}
@@ -204,7 +204,7 @@ def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
 
 
 def test_braking_below_the_crash_height_is_rejected():
-    """The pieces end at a height of 0.2 m while the vehicle descends at 0.9 m/s."""
+    """The route ends at a height of 0.2 m while the vehicle descends at 0.9 m/s."""
     pieces = [{"duration": 2.0, "x": [0], "y": [0], "z": [2, -0.9], "yaw": [0]}]
     overrides = {"duration": 15.0, "route": {"kind": "trajectory", "pieces": pieces}, "crash": {"height": 0.0}}
     scenario = load_scenario("figure_eight", overrides)

@@ -26,7 +26,7 @@ def scenario():
 
 
 def drawn(scenario, samples):
-    """Return the points whose values are those of samples of the study."""
+    """Return the points of the unit cube that correspond to samples of the study."""
     names = [name if name.startswith("shared ") else _stream(name) for name in coordinates(scenario)]
     return np.column_stack([parameter_numbers(scenario.seed, samples, name) for name in names])
 
