@@ -22,7 +22,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.quantities import any_nonzero
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
 from drake_quad.scenario.winds.source import WindSurroundings as WindSurroundings
-from drake_quad.signals import AttitudeTarget, Wrench
+from drake_quad.signals import AttitudeTarget, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.faults import RotorFaults
@@ -170,7 +170,8 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 def _check_step(fleet: Any) -> None:
     """Raise InputError if the motion of the vehicle is too fast for its time step to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
-    airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
+    wind_speed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
+    airspeed = wind_speed + speed(Wind(*fleet.initial.velocity))
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     effects = vehicle.effects()
     steepest = sum(effect.max_damping(vehicle, airspeed) for effect in effects.values())

@@ -14,6 +14,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path, peak_norm
 from drake_quad.reference.rest import moves_at_end, with_rest
 from drake_quad.reference.source import build_reference
+from drake_quad.scenario.routes.route import ROUTES as ROUTE_KINDS
 from drake_quad.signals import Reference
 
 ROUTES = {
@@ -32,11 +33,16 @@ ROUTES = {
         "kind": "trajectory",
         "pieces": [{"duration": 3.0, "x": [0, 0, 0.1], "y": [0.0], "z": [1.0], "yaw": [0.1, 0.5]}],
     },
+    "setpoints": {"kind": "setpoints", "setpoints": [[0, 0, 0, 1, 0], [2, 1, 0, 1, 0.5]]},
     "knots in steady flight": {
         "kind": "trajectory",
         "knots": [{"time": t, "position": [0.5 * t, 0, 1], "velocity": [0.5, 0, 0]} for t in (1.0, 4.0)],
     },
 }
+
+
+def test_every_kind_of_route_is_tested_here():
+    assert {route["kind"] for route in ROUTES.values()} == ROUTE_KINDS.members.keys()
 
 
 def planned(route):
