@@ -214,6 +214,7 @@ def test_metrics_without_derivatives_and_requirements_do_not_affect_other_deriva
     extended = {
         "metrics.additional": {
             "mean_tilt": {"kind": "mean", "of": "tilt"},
+            "last_fall": {"kind": "last", "of": "state.v_z"},
             "settling_time": {"radius": 1e-3},
             "overshoot": {},
             "command_jerk": {},
@@ -224,10 +225,12 @@ def test_metrics_without_derivatives_and_requirements_do_not_affect_other_deriva
             "until": {"always": near, "until": near},
         },
     }
-    scenario = load_scenario("hover", plain | extended)
+    scenario = load_scenario("hover", plain | extended | {"vehicle.mass": 0.7})
     found = flight_sensitivities(scenario, ["vehicle.mass"])
-    expected = flight_sensitivities(load_scenario("hover", plain), ["vehicle.mass"])
+    expected = flight_sensitivities(load_scenario("hover", plain | {"vehicle.mass": 0.7}), ["vehicle.mass"])
     assert found.gradients["rmse"] == expected.gradients["rmse"]
+    assert found.metrics["last_fall"] < 0.0
+    assert found.gradients["last_fall"] < 0.0
     assert np.isfinite(found.gradients["mean_tilt"]).all()
     assert not {"settling_time", "near", "late", "until"} & {*found.gradients}
 
