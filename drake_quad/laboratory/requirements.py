@@ -149,7 +149,7 @@ def _is_within(time: Row, start: float, end: float) -> bool:
 
 def robustness(sums: RobustnessSums, ticks: Any, _: float) -> Any:
     """Return the robustness; NaN if no tick was in the time window."""
-    return np.where(np.isinf(sums.value), np.nan, sums.value)
+    return np.where((sums.value == math.inf) | (sums.value == -math.inf), np.nan, sums.value)
 
 
 def always(condition: Condition, start: float, end: float) -> Accumulator:

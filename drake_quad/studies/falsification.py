@@ -101,7 +101,8 @@ def find_worst_case(
 
     Raises:
         InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; if there are
-            too few flights for one generation; or if the folder contains another study.
+            too few flights for one generation; if the metric is the same in all flights; or if the folder contains
+            another study.
         ImportError: if the library cma is not installed.
         RuntimeError: if workers cannot fly a candidate.
         StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
@@ -127,6 +128,7 @@ def find_worst_case(
         return np.where(metrics.crashed, _CRASH_VALUE * (1.0 + remaining), limited)
 
     worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
+    best = math.inf  # smallest value of the search
     means: list[float] = []
     settings = {"search": "falsify", "metric": metric, "maximise": maximise, "sigma": sigma, "noise": num_noise}
 
@@ -161,6 +163,7 @@ def find_worst_case(
                 flown = flights(np.repeat(scipy.special.ndtr(points), num_noise, axis=0), np.tile(noise, population))
                 rows = flown.reshape(population, num_noise)
                 search.tell(candidates, [*-rows.mean(axis=1)])
+                best = min(best, float(rows.min()))
                 row, column = np.unravel_index(int(rows.argmax()), rows.shape)
                 worst = max(
                     worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0]
@@ -168,6 +171,10 @@ def find_worst_case(
                 means.append(sign * _metric(float(rows.mean(axis=1).max())))
             population, restart = 2 * population, restart + 1
     value, point, number = worst
+    if value == best and value < _CRASH_VALUE:
+        raise InputError(
+            f"{metric} is {sign * _metric(value):.4g} in all {flights.num_flights:,} flights, so there is no worst case"
+        )
     uniform = scipy.special.ndtr(point)
     nominal = median_scenario(scenario).model_copy(update={"sample": number})
     worst_scenario = evaluator.scenario_at(uniform, number)

@@ -207,6 +207,34 @@ def test_a_field_that_can_neither_increase_nor_decrease_is_refused_with_the_reas
         flight_sensitivities(scenario, ["laboratory.command_link.period"])
 
 
+def test_metrics_without_derivatives_and_requirements_do_not_affect_other_derivatives():
+    """A requirement after the end of the flight has no robustness."""
+    near = {"signal": "position_error", "below": 0.1}
+    plain = {"duration": 0.2, "initial.position": [0.02, 0.0, 0.0]}
+    extended = {
+        "metrics.additional": {
+            "mean_tilt": {"kind": "mean", "of": "tilt"},
+            "last_fall": {"kind": "last", "of": "state.v_z"},
+            "settling_time": {"radius": 1e-3},
+            "overshoot": {},
+            "command_jerk": {},
+        },
+        "requirements": {
+            "near": {"always": near},
+            "late": {"eventually": near, "after": 5.0},
+            "until": {"always": near, "until": near},
+        },
+    }
+    scenario = load_scenario("hover", plain | extended | {"vehicle.mass": 0.7})
+    found = flight_sensitivities(scenario, ["vehicle.mass"])
+    expected = flight_sensitivities(load_scenario("hover", plain | {"vehicle.mass": 0.7}), ["vehicle.mass"])
+    assert found.gradients["rmse"] == expected.gradients["rmse"]
+    assert found.metrics["last_fall"] < 0.0
+    assert found.gradients["last_fall"] < 0.0
+    assert np.isfinite(found.gradients["mean_tilt"]).all()
+    assert not {"settling_time", "near", "late", "until"} & {*found.gradients}
+
+
 @pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])
 def test_fields_that_determine_the_time_of_an_event_have_no_derivative(field):
     failing = ["duration=1", "vehicle.rotor_failure={rotor: 1, time: 0.5}"]
