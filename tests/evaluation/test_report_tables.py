@@ -52,7 +52,7 @@ def found():
 
 
 def test_the_committed_report_has_the_default_sizes(root):
-    """Its claims are in the order of `all_claims`."""
+    """The claims in the report are in the order of `all_claims`."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
     whole = EvaluationSizes()
     assert text.startswith("#")

@@ -55,7 +55,7 @@ def responses(loop):
 
 
 @pytest.mark.slow
-def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_the_height(loaded):
+def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_contains_the_height(loaded):
     scenario = loaded(*ASYMMETRIC_OVERRIDES)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude

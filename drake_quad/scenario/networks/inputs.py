@@ -44,7 +44,7 @@ class InputSets(Model):
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        """Return centre and smallest width of each set. Neighbours in the list must overlap."""
+        """Return the centre and the smallest width of all sets, in an order in which each set must overlap the next."""
         return ends
 
 
