@@ -198,7 +198,7 @@ def test_a_path_through_points_within_limits_needs_no_solver():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_single_violated_limit_requires_the_program(order):
+def test_a_single_violated_limit_requires_the_solver(order):
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
     bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}
