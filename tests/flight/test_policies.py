@@ -238,7 +238,7 @@ def test_a_user_defined_policy_needs_a_control_of_kind_policy():
     with pytest.raises(InputError, match="a policy requires a scenario with control of kind policy"):
         simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
     task = environment_scenario("hover")
-    with pytest.raises(InputError, match="the port .* of policy must have 3 rows, but has 4"):
+    with pytest.raises(InputError, match="the port .* of policy must have 3 elements, but has 4"):
         simulate(task, policy=action_source(np.zeros((2, 4)), 0.02))
     with pytest.raises(InputError, match="control.policy of hover is missing"):
         simulate(task)
