@@ -60,10 +60,6 @@ FILE_NAME = r"# \w+\.(?:yaml|py)\n"
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
 
 
-# Libraries that only examples need. If a library is not installed, blocks that import it are skipped.
-OPTIONAL_LIBRARIES = ("openturns", "optuna")
-
-
 def blocks(language):
     parameters = []
     for page in PAGES:
@@ -97,9 +93,6 @@ def few_samples(monkeypatch):
 @pytest.mark.usefixtures("blank_figures", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_of_the_pages_runs(block, linked_folder, capsys):
-    for library in OPTIONAL_LIBRARIES:
-        if re.search(rf"^import {library}\b", block, re.MULTILINE):
-            pytest.importorskip(library)
     path = linked_folder / "block.py"
     path.write_text(block, encoding="utf-8")
     # run_path replaces sys.modules["__main__"], because worker processes look up the classes of a block there. The path

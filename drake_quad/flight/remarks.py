@@ -40,9 +40,9 @@ _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
     """Return remarks on settings that the user may not have intended.
 
-    The remarks concern implausible values, a vehicle that differs from the nominal one, settings without effect, and a
-    route that ends in motion. Remarks that depend on the plan are left out if the route cannot be planned, for example
-    because it is random.
+    The remarks concern implausible values, a vehicle that differs from the nominal one, settings without effect, crash
+    limits that the flight must exceed, and a route that ends in motion. Remarks that depend on the plan are left out if
+    the route cannot be planned, for example because it is random.
 
     Args:
         scenario: scenario to fly, which may contain distributions.
@@ -53,6 +53,7 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
         *_implausible_values(scenario),
         *_mixed_vehicles(scenario),
         *_inactive_settings(flight),
+        *_certain_crashes(flight),
         *_braking(flight),
     )
 
@@ -248,6 +249,22 @@ def _inactive_settings(flight: _PlannedFlight) -> list[str]:
         f"{join_names(each)} {'has' if len(each) == 1 else 'have'} no effect, since {reason}"
         for reason, each in paths.items()
     ]
+
+
+def _certain_crashes(flight: _PlannedFlight) -> Iterator[str]:
+    """Yield a remark on each limit of `crash` that the flight exceeds from its beginning, or on its reference."""
+    crash, initial = flight.scenario.crash, flight.scenario.initial
+    if -math.inf < flight.lowest_height <= crash.height:
+        yield (
+            f"crash.height is {crash.height:g} m, but the reference flies as low as {flight.lowest_height:.3g} m, so a"
+            " vehicle that follows it counts as crashed"
+        )
+    roll, pitch = (abs(_median(angle)) for angle in initial.attitude[:2])
+    if crash.tilt is not None and max(roll, pitch) > crash.tilt:
+        yield (
+            f"initial.attitude is a tilt of {max(roll, pitch):.3g} rad, but crash.tilt is {crash.tilt:.3g} rad, so the"
+            " vehicle counts as crashed from the beginning; null allows every tilt"
+        )
 
 
 def _braking(flight: _PlannedFlight) -> list[str]:
