@@ -65,7 +65,11 @@ class PortBlock(Directive):
 
 
 def keep_formulas(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Prevent Sphinx from interpreting formulas (indented blocks) and vertical bars in a docstring, and add units."""
+    """Edit a docstring for Sphinx.
+
+    Formulas (indented blocks) and vertical bars are marked as literal text. The docstring of a record is extended by
+    the units of its fields.
+    """
     result: list[str] = []
     inside = False
     for i, line in enumerate(lines):
@@ -76,14 +80,14 @@ def keep_formulas(app: Any, what: str, name: str, obj: Any, options: Any, lines:
         if begins and not directive:
             result += ["::", ""]
             inside = True
-        # Without the backslash, a letter followed by a full stop would start a list.
+        # The backslash prevents Sphinx from interpreting a letter with a full stop as an item of a list.
         text = re.sub(r": (\w)\.$", r": \1\\.", line.replace("|", r"\|"))
         result.append(line if inside or directive else text)
     lines[:] = [*result, *units_of_rows(obj)]
 
 
 def units_of_rows(record: Any) -> list[str]:
-    """Return lines of text with the unit and the frame of each row of a record; no lines for other objects."""
+    """Return a line of text with the unit and the frame of each field of a record; other objects have no lines."""
     if not (isinstance(record, type) and hasattr(record, "_fields")):
         return []
     hints = get_type_hints(record, include_extras=True)
@@ -167,7 +171,7 @@ class IndexedPythonDomain(PythonDomain):
         return index
 
     def find_obj(self, env: Any, modname: str, classname: str, name: str, *options: Any, **named: Any) -> Any:
-        """Return the objects that a dotted name may refer to, searching only objects with the same last part."""
+        """Return the objects that a dotted name may refer to, searching only those with the same last component."""
         candidates = self._objects_by_last_part.get(name.removesuffix("()").rpartition(".")[2], {})
         domain = copy.copy(self)
         domain.data = {**self.data, "objects": candidates}

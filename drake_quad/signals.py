@@ -1,4 +1,4 @@
-"""Signal types of the control loop, with the name, unit and frame of each row.
+"""Signal types of the control loop, with the name, unit and frame of each component.
 
 The Z axis of the world frame W points up. The axes of the body frame B point forward (x), to the left (y) and up (z).
 A positive yaw turns from X towards Y.
@@ -17,11 +17,11 @@ see `drake_quad.framework.elementary`. Type checkers see only the float, so they
 
 
 class Quantity(NamedTuple):
-    """Physical quantity of a row: its unit, frame and allowed sign.
+    """Physical quantity of a signal component: its unit, frame and allowed sign.
 
     Attributes:
         unit: SI unit.
-        frame: frame in which the row is expressed, W or B; empty for a row without a direction.
+        frame: frame in which the component is expressed, W or B; empty for a component without a direction.
         sign: sign required of a parameter with this quantity; empty if any sign is allowed.
     """
 
@@ -109,7 +109,7 @@ class BatteryLoad(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """Angles and angular rates of a slung load's cable. Pitch rotates it about Y, then roll about X."""
+    """Angles and angular rates of a slung load's cable, which is rotated by pitch about Y, then by roll about X."""
 
     roll: Angle
     pitch: Angle
@@ -184,7 +184,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """Acceleration that is commanded, one term of the command, or an estimate of the effect of disturbances."""
+    """Commanded acceleration, one term of the command, or the estimated acceleration due to disturbances."""
 
     x: AccelerationW
     y: AccelerationW
@@ -277,23 +277,23 @@ class CrashTime(NamedTuple):
 
 
 class Valid(NamedTuple):
-    """Validity of a sensor's reading: 1 if the reading is new, 0 if it is missing and the previous one repeats."""
+    """Validity of a measurement: 1 if it is new, 0 if it is missing and the previous measurement is repeated."""
 
     valid: Number
 
 
-# Signals of a fuzzy neural network have one row per rule, per axis, or per parameter of a membership function. Rows for
-# rules are ordered by axis: all rules of the first axis precede all rules of the second.
+# Signals of a fuzzy neural network have one component per rule, per axis, or per parameter of a membership function.
+# Rules are ordered by axis: all rules of the first axis precede all rules of the second.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
 Antecedents = tuple[Number, ...]
-# Signals of a policy have one row per observation or per action.
+# Signals of a policy have one component per observed value or per action.
 Observation = tuple[Number, ...]
 Action = tuple[Number, ...]
 # Normalised innovations of the scalar measurements of a Kalman filter.
 Innovation = tuple[Number, ...]
-# The future reference has three rows (X, Y and Z) per future time.
+# The future reference has three components (X, Y and Z) per future time.
 FutureReference = tuple[PositionW, ...]
 
 
@@ -377,18 +377,18 @@ SIGNALS |= {
 
 
 def row_names(name: str, num_rows: int) -> list[str]:
-    """Return the names of the rows of a signal; rows without names are numbered from 1.
+    """Return the names of the components of a signal; components without names are numbered from 1.
 
     Args:
         name: name of the signal.
-        num_rows: number of rows of the signal for one vehicle.
+        num_rows: number of components of the signal for one vehicle.
     """
     kind = SIGNALS[name]
     return list(kind._fields) if hasattr(kind, "_fields") else [str(number + 1) for number in range(num_rows)]
 
 
 def quantities(name: str, num_rows: int) -> list[Quantity]:
-    """Return the quantity of each of the `num_rows` rows of a signal."""
+    """Return the quantity of each of the `num_rows` components of a signal."""
     kind = SIGNALS[name]
     if hasattr(kind, "_fields"):
         return list(field_quantities(kind).values())

@@ -53,8 +53,8 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
     - names: flights connect ports by name. Unless the system is a `FleetSystem`, which checks names itself, this
-      function rejects port names that look like a misspelt signal, and input ports of a controller that are no signal.
-    - ports: each port of a fleet has as many rows as the same port of a single vehicle, and a column for each vehicle.
+      function rejects port names that look like a misspelt signal, and input ports of a controller that are no signals.
+    - ports: each port of a fleet has, for each vehicle, as many components as the same port of a single vehicle.
     - context: outputs depend only on the context, not on earlier computations.
     - vehicles: the outputs of a vehicle in a fleet equal its outputs when it is simulated alone.
     - numbers: outputs are not NaN if the inputs are finite.
@@ -114,7 +114,7 @@ def _check_names(system: Any) -> None:
 
 
 def _check_ports(single: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
-    """Check the rule "ports", and return the number of rows of each input port by name."""
+    """Check the rule "ports", and return the number of components of each input port for one vehicle, by name."""
     for one, many in ((_inputs_of(single), _inputs_of(fleet)), (_outputs_of(single), _outputs_of(fleet))):
         assert list(one) == list(many), f"ports: one vehicle has {list(one)}, but a fleet has {list(many)}"
         for name, port in one.items():

@@ -1,10 +1,12 @@
-"""Errors in the user's own Python code, such as a controller, a wind or an effect that this package calls."""
+"""Checks of functions that the user passes, and errors in the user's own Python code that this package calls."""
 
+import inspect
 import os
 import sysconfig
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from drake_quad.errors import InputError, shortest_path
 
@@ -13,6 +15,28 @@ _PACKAGE = str(Path(__file__).parent) + os.sep
 _RUNNER = str(Path(__file__).parent / "command_line" / "running.py")
 # Folders of the standard library and of installed packages.
 _LIBRARIES = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")})
+
+
+def takes_one_argument(function: Any) -> bool:
+    """Return whether a function accepts a single positional argument; True if its signature is unknown."""
+    try:
+        inspect.signature(function).bind(None)
+    except TypeError:  # also raised for objects that are not callable
+        return False
+    except ValueError:  # functions implemented in C++ may have no signature
+        return True
+    return True
+
+
+def describe_callable(thing: Any) -> str:
+    """Return the name and the signature of a function, or the type of another object, without its memory address."""
+    if not callable(thing):
+        return "None" if thing is None else f"an object of type {type(thing).__name__}"
+    name = getattr(thing, "__name__", type(thing).__name__)
+    try:
+        return f"{name}{inspect.signature(thing)}"
+    except (TypeError, ValueError):
+        return str(name)
 
 
 def user_frames(error: BaseException) -> list[traceback.FrameSummary]:

@@ -27,7 +27,7 @@ L = DiscreteTimeSteadyStateKalmanFilter(PLANT.A, PLANT.C, DISTURBANCE @ DISTURBA
 
 
 class Lqr(LeafSystem):
-    """LQR and Kalman filter for N vehicles. The state is the estimated state of the plant, in a column per vehicle."""
+    """LQR and Kalman filter for N vehicles. The state has one column for each vehicle: the plant's estimated state."""
 
     def __init__(self, num_vehicles: int = 1) -> None:
         super().__init__()

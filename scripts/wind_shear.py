@@ -25,7 +25,7 @@ class ShearParameters(NamedTuple):
 
 def shear_wind(state: State, shear: ShearParameters) -> Wind:
     """Return the wind velocity v (z / h)^a at a vehicle, whose height is z."""
-    factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # infinite derivative at 0 m
+    factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # finite slope at 0 m
     return Wind._make(factor * part for part in shear.velocity)
 
 

@@ -231,44 +231,63 @@ class Example(NamedTuple):
             return Samples(self.parameters.seed + 1, [sample + 10 for sample in self.parameters.indices])
         layout = layout_of(type(self.parameters), self.parameters)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Each row is multiplied by a different factor, so that ratios of rows differ from those of the example, too.
+        # Each parameter is multiplied by a different factor, so that ratios of parameters differ from those of the
+        # example, too.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.parameters))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
 
 PD_GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
-PD_ATTITUDE = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
-INCREMENTAL_ATTITUDE = IncrementalAttitudeParameters(PD_ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
+PD_ATTITUDE = AttitudeParameters(
+    k_p=PerAngle(17.0, 14.0, 5.0), k_d=PerAngle(7.5, 6.8, 3.1), i_xx=0.0065, i_yy=0.0085, i_zz=0.0126
+)
+INCREMENTAL_ATTITUDE = IncrementalAttitudeParameters(
+    attitude=PD_ATTITUDE, law=IncrementalLaw(6.1), lag=0.07, limit=41.0
+)
 AXIS_LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
 START_POSITION = PerAxis(0.3, -0.2, 1.1)
 KALMAN_ESTIMATOR = EstimatorParameters(
-    (
-        KalmanLaw(0.4, KalmanMemory(0.31, 2.2, 5.1)),
-        KalmanLaw(0.5, KalmanMemory(0.33, 2.4, 5.3)),
-        KalmanLaw(0.6, KalmanMemory(0.36, 2.7, 5.6)),
+    laws=(
+        KalmanLaw(time_constant=0.4, gain=KalmanMemory(position=0.31, velocity=2.2, disturbance=5.1)),
+        KalmanLaw(time_constant=0.5, gain=KalmanMemory(position=0.33, velocity=2.4, disturbance=5.3)),
+        KalmanLaw(time_constant=0.6, gain=KalmanMemory(position=0.36, velocity=2.7, disturbance=5.6)),
     ),
-    AXIS_LAGS,
-    4.1,
-    START_POSITION,
+    lags=AXIS_LAGS,
+    limit=4.1,
+    start=START_POSITION,
 )
 ADAPTIVE_ESTIMATOR = EstimatorParameters(
-    (AdaptiveLaw(1.2, 2.1), AdaptiveLaw(1.3, 2.5), AdaptiveLaw(1.4, 3.7)), AXIS_LAGS, 4.2, START_POSITION
+    laws=(
+        AdaptiveLaw(adaptation=1.2, bandwidth=2.1),
+        AdaptiveLaw(adaptation=1.3, bandwidth=2.5),
+        AdaptiveLaw(adaptation=1.4, bandwidth=3.7),
+    ),
+    lags=AXIS_LAGS,
+    limit=4.2,
+    start=START_POSITION,
 )
 INCREMENTAL_ESTIMATOR = EstimatorParameters(
-    (IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), AXIS_LAGS, 4.3, START_POSITION
+    laws=(IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)),
+    lags=AXIS_LAGS,
+    limit=4.3,
+    start=START_POSITION,
 )
-TILT_ESTIMATOR = TiltEstimatorParameters(ADAPTIVE_ESTIMATOR.laws, 0.06, 9.79, 4.4, START_POSITION)
-THRUST_VECTORING = VectoringParameters(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
+TILT_ESTIMATOR = TiltEstimatorParameters(
+    laws=ADAPTIVE_ESTIMATOR.laws, lag=0.06, gravity=9.79, limit=4.4, start=START_POSITION
+)
+THRUST_VECTORING = VectoringParameters(
+    mass=0.68, gravity=9.81, limits=ThrustLimits(tan_max_tilt=0.7, min_thrust=2.0, max_thrust=12.0)
+)
 VEHICLE = QuadrotorConfig(
     QuadrotorParameters(
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
         rotor_inertia=9.0e-5,
         rotors=Rotors(
-            Rotor(0.161, 0.012, 0.021, -1.0, 4.15e-5, 1.0e-6),
-            Rotor(-0.014, -0.168, 0.017, 1.0, 4.02e-5, 1.1e-6),
-            Rotor(-0.172, 0.009, 0.025, -1.0, 4.17e-5, 0.9e-6),
-            Rotor(0.011, 0.158, 0.019, 1.0, 4.12e-5, 1.05e-6),
+            Rotor(x=0.161, y=0.012, z=0.021, direction=-1.0, thrust_factor=4.15e-5, drag_factor=1.0e-6),
+            Rotor(x=-0.014, y=-0.168, z=0.017, direction=1.0, thrust_factor=4.02e-5, drag_factor=1.1e-6),
+            Rotor(x=-0.172, y=0.009, z=0.025, direction=-1.0, thrust_factor=4.17e-5, drag_factor=0.9e-6),
+            Rotor(x=0.011, y=0.158, z=0.019, direction=1.0, thrust_factor=4.12e-5, drag_factor=1.05e-6),
         ),
         gravity=9.8,
         linear_drag=0.12,
@@ -278,20 +297,20 @@ VEHICLE = QuadrotorConfig(
         max_rotor_speed=290.0,
         centre_of_mass=CentreOfMass(-0.003, 0.008),
     ),
-    RotorFaults(0.01, 5.0, SpeedFactors(0.9, 0.8, 0.7, 0.6)),
+    RotorFaults(battery_sag=0.01, failure_time=5.0, failure_factor=SpeedFactors(0.9, 0.8, 0.7, 0.6)),
     HoverPose(1.0, 2.0, 3.0, 0.4),
 )
 EFFECTS = Effects(
     BodyDrag(LinearDrag(0.11, 0.12, 0.13), QuadraticDrag(0.021, 0.022, 0.023), CentreOfPressure(0.031, 0.032, 0.033)),
-    RotorAerodynamics(0.041, 0.14, 1.1e-4, 1.2e-4),
-    GroundEffect(0.15, -0.4),
+    RotorAerodynamics(lift=0.041, climb=0.14, drag=1.1e-4, inflow=1.2e-4),
+    GroundEffect(rotor_radius=0.15, ground_height=-0.4),
     ReactionTorque(9.1e-5),
     SpinDown(0.05),
 )
 VEHICLE_WITH_EFFECTS = VEHICLE._replace(
     effects=EFFECTS._replace(
-        battery=Battery(12.5, 10.1, 1.3, 0.03, 0.71),
-        slung_load=SlungLoad(0.16, 0.77),
+        battery=Battery(voltage=12.5, empty_voltage=10.1, capacity=1.3, resistance=0.03, efficiency=0.71),
+        slung_load=SlungLoad(mass=0.16, length=0.77),
     )
 )
 VEHICLE_WITH_THROTTLE = VEHICLE_WITH_EFFECTS._replace(
@@ -299,35 +318,59 @@ VEHICLE_WITH_THROTTLE = VEHICLE_WITH_EFFECTS._replace(
 )
 VEHICLE_WITH_PAYLOAD = VEHICLE._replace(
     effects=EFFECTS._replace(
-        payload=Payload(0.17, PayloadPosition(0.034, 0.035, 0.036), Inertia(1.1e-4, 1.2e-4, 1.3e-4), 0.9, 1.9)
+        payload=Payload(
+            mass=0.17,
+            position=PayloadPosition(0.034, 0.035, 0.036),
+            inertia=Inertia(1.1e-4, 1.2e-4, 1.3e-4),
+            picked_up=0.9,
+            dropped=1.9,
+        )
     )
 )
-TURBULENCE = TurbulenceParameters(Turbulence(PerDirection(1.1, 0.9, 0.7), PerDirection(20.0, 22.0, 3.0), 5.0), 0.7)
+TURBULENCE = TurbulenceParameters(
+    turbulence=Turbulence(PerDirection(1.1, 0.9, 0.7), PerDirection(20.0, 22.0, 3.0), 5.0), heading=0.7
+)
 JETS = (
-    Jet(Outlet(0.5, -2.0, 1.0), Direction(0.6, 0.64, 0.48), 6.0, 0.7, 0.2),
-    Jet(Outlet(-1.5, 2.5, 0.8), Direction(-0.6, -0.48, 0.64), 5.0, 0.8, 0.25),
+    Jet(
+        outlet=Outlet(0.5, -2.0, 1.0),
+        direction=Direction(0.6, 0.64, 0.48),
+        exit_speed=6.0,
+        diameter=0.7,
+        turbulence=0.2,
+    ),
+    Jet(
+        outlet=Outlet(-1.5, 2.5, 0.8),
+        direction=Direction(-0.6, -0.48, 0.64),
+        exit_speed=5.0,
+        diameter=0.8,
+        turbulence=0.25,
+    ),
 )
-GUST = GustParameters(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
+GUST = GustParameters(velocity=Wind(1.0, 2.0, 3.0), start=1.1, rise_time=2.2, hold_time=3.3)
 CAMERA_PARAMETERS = CameraParameters(
-    1e-3,
-    4e-3,
-    0.1,
-    Attitude(0.1, 0.2, 0.3),
-    100.0,
-    2.0,
-    VelocityError(0.05, -0.1, 0.2),
-    VelocityDrift(0.03, 0.02, 0.01),
-    0.4,
+    position_noise=1e-3,
+    attitude_noise=4e-3,
+    dropout_rate=0.1,
+    misalignment=Attitude(0.1, 0.2, 0.3),
+    derivative_bandwidth=100.0,
+    latency_frames=2.0,
+    velocity_error=VelocityError(0.05, -0.1, 0.2),
+    velocity_drift=VelocityDrift(0.03, 0.02, 0.01),
+    drift_time=0.4,
 )
-WRENCH_LINK = LinkParameters(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
-ATTITUDE_LINK = LinkParameters(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+WRENCH_LINK = LinkParameters(delay_ticks=2.0, loss_rate=0.1, initial=Wrench(6.0, 0.1, 0.2, 0.3))
+ATTITUDE_LINK = LinkParameters(
+    delay_ticks=2.0,
+    loss_rate=0.1,
+    initial=AttitudeTarget(thrust=6.0, roll=0.1, pitch=0.2, yaw=0.3, p=0.4, q=0.5, r=0.6),
+)
 AUTOPILOT = AutopilotParameters(
-    LoopGains(6.0, 5.5, 2.8),
-    LoopGains(14.0, 12.0, 9.0),
-    Inertia(0.0065, 0.0085, 0.0126),
-    Gyroscope(0.004, BodyRates(0.01, -0.02, 0.03)),
-    0.002,
-    Wrench(6.6, 0.1, 0.2, 0.3),
+    k_attitude=LoopGains(6.0, 5.5, 2.8),
+    k_rate=LoopGains(14.0, 12.0, 9.0),
+    inertia=Inertia(0.0065, 0.0085, 0.0126),
+    gyroscope=Gyroscope(noise=0.004, bias=BodyRates(0.01, -0.02, 0.03)),
+    attitude_noise=0.002,
+    initial=Wrench(6.6, 0.1, 0.2, 0.3),
 )
 
 
@@ -362,38 +405,47 @@ PX4_AUTOPILOT = AUTOPILOT._replace(
     rate=LoopAxisTerms(*map(_with_first_order_filter, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
 )
 TILT_CASCADE = CascadeParameters(
-    PidLoopGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
-    PidLoopGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
-    0.3,
-    0.7,
-    9.79,
-    TiltParameters(6.1, 2.2, 11.0),
+    position=PidLoopGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
+    velocity=PidLoopGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
+    velocity_feed_forward=0.3,
+    mass=0.7,
+    gravity=9.79,
+    command=TiltParameters(hover_thrust=6.1, min_thrust=2.2, max_thrust=11.0),
 )
 ACCELERATION_CASCADE = CascadeParameters(
-    PidLoopGains(PerAxis(0.95, 0.93, 1.1)),
-    PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_with_first_order_filter, _terms(0.6)))),
-    0.9,
-    0.71,
-    9.78,
-    AccelerationParameters(0.8, 1.2, 0.7, 0.5, 0.6, 2.1, 11.5, 3.3),
+    position=PidLoopGains(PerAxis(0.95, 0.93, 1.1)),
+    velocity=PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_with_first_order_filter, _terms(0.6)))),
+    velocity_feed_forward=0.9,
+    mass=0.71,
+    gravity=9.78,
+    command=AccelerationParameters(
+        feed_forward=0.8,
+        max_speed=1.2,
+        max_ascent=0.7,
+        max_descent=0.5,
+        tan_max_tilt=0.6,
+        min_thrust=2.1,
+        max_thrust=11.5,
+        horizontal_margin=3.3,
+    ),
 )
 ATTITUDE_RESPONSE_VEHICLE = AttitudeResponseConfig(
     VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
 )
 ANTECEDENTS = Antecedents(
-    1.4,
-    0.6,
-    0.3,
-    (FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
+    a1=1.4,
+    a2=0.6,
+    q=0.3,
+    inputs=(FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
 )
 CIRCULAR_ANTECEDENTS = ANTECEDENTS._replace(
     inputs=(ANTECEDENTS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7)))
 )
-LEARNING_LIMITS = LearningLimits(0.9, 0.01, 0.02)
+LEARNING_LIMITS = LearningLimits(weight=0.9, deadzone=0.01, leakage=0.02)
 NOISE_SAMPLES = Samples(3, (5, 6))
 RANDOM_STREAMS = (
-    Stream("here", StreamKind.WIND, 3, RandomDistribution.kGaussian, 0.01),
-    Stream("there", StreamKind.NOISE, 1, RandomDistribution.kUniform, 0.02),
+    Stream(name="here", kind=StreamKind.WIND, num_rows=3, distribution=RandomDistribution.kGaussian, period=0.01),
+    Stream(name="there", kind=StreamKind.NOISE, num_rows=1, distribution=RandomDistribution.kUniform, period=0.02),
 )
 ALL_CAMERA_ERRORS = {
     "noisy": True,
@@ -405,30 +457,35 @@ ALL_CAMERA_ERRORS = {
     "longest_latency": 2,
 }
 ACCELEROMETER_PARAMETERS = AccelerometerParameters(
-    SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0
+    position=SensorPosition(0.03, -0.02, 0.05),
+    gravity=9.79,
+    bias=SpecificForce(0.1, -0.2, 0.15),
+    noise=0.07,
+    latency_samples=2.0,
 )
 ACCELEROMETER_STRUCTURE = {"name": "accelerometer", "law": ACCELEROMETER}
 VIBRATION = Vibration(
-    tuple(
+    responses=tuple(
         Responses(*(Vector(*(1e-6 * (3.0 * i + j + k + 0.5) for k in range(3))) for j in range(3))) for i in range(4)
     ),
-    (0.11, 0.12, 0.13),
-    RotorAngles(0.4, 1.4, 2.4, 2.9),
-    0.01,
+    harmonics=(0.11, 0.12, 0.13),
+    initial_phases=RotorAngles(0.4, 1.4, 2.4, 2.9),
+    period=0.01,
 )
 INERTIAL_ERRORS = InertialErrors(
     scale_error=Vector(0.01, 0.02, -0.03),
     misalignment=BodyAxes.of(0.021, -0.034, 0.055),
     bandwidth=LowPass.of(61.0, 0.01),
-    bias_instability=BiasInstability(0.071, Correlation.of(0.9, 0.01)),
+    bias_instability=BiasInstability(deviation=0.071, correlation=Correlation.of(0.9, 0.01)),
     bias_random_walk=0.013,
-    temperature_coefficient=WarmUp(Vector(0.31, -0.22, 0.17), 0.19),
+    temperature_coefficient=WarmUp(change=Vector(0.31, -0.22, 0.17), step=0.19),
     vibration=VIBRATION,
     full_scale=8.6,
     resolution=1.7e-3,
 )
 FAULTY_ACCELEROMETER = FaultySensor(
-    ACCELEROMETER_PARAMETERS._replace(errors=INERTIAL_ERRORS), SensorFault(0.015, 0.055, 0.6)
+    sensor=ACCELEROMETER_PARAMETERS._replace(errors=INERTIAL_ERRORS),
+    fault=SensorFault(start=0.015, end=0.055, rate=0.6),
 )
 FAULTY_ACCELEROMETER_STRUCTURE = {
     **ACCELEROMETER_STRUCTURE,
@@ -438,25 +495,32 @@ FAULTY_ACCELEROMETER_STRUCTURE = {
 }
 SENSOR_POSITION = SensorPosition(0.04, -0.03, 0.06)
 OTHER_SENSORS = {
-    "gyroscope": (GYROSCOPE, GyroscopeParameters(BodyRates(0.02, -0.01, 0.03), 0.07, 1.0, INERTIAL_ERRORS)),
+    "gyroscope": (
+        GYROSCOPE,
+        GyroscopeParameters(bias=BodyRates(0.02, -0.01, 0.03), noise=0.07, latency_samples=1.0, errors=INERTIAL_ERRORS),
+    ),
     "barometer": (
         BAROMETER,
         BarometerParameters(
-            SENSOR_POSITION,
-            0.21,
-            0.31,
-            1.0,
-            BarometerErrors(HeightDrift(0.41, Correlation.of(0.7, 0.01)), 0.0123, GroundPressure(0.51, 0.61)),
+            position=SENSOR_POSITION,
+            bias=0.21,
+            height_noise=0.31,
+            latency_samples=1.0,
+            errors=BarometerErrors(
+                drift=HeightDrift(deviation=0.41, correlation=Correlation.of(0.7, 0.01)),
+                dynamic_pressure=0.0123,
+                ground_effect=GroundPressure(depth=0.51, length=0.61),
+            ),
         ),
     ),
     "magnetometer": (
         MAGNETOMETER,
         MagnetometerParameters(
-            EarthField(0.2, 0.3, -0.4),
-            MagneticField(0.011, 0.012, 0.013),
-            0.05,
-            1.0,
-            MagnetometerErrors(
+            earth=EarthField(0.2, 0.3, -0.4),
+            hard_iron=MagneticField(0.011, 0.012, 0.013),
+            field_noise=0.05,
+            latency_samples=1.0,
+            errors=MagnetometerErrors(
                 SoftIron(0.021, -0.022, 0.023, 0.024, 0.025, -0.026),
                 MotorInterference(Vector(0.031, 0.032, 0.033), (0.34, 0.35, 0.36, 0.37)),
             ),
@@ -465,46 +529,88 @@ OTHER_SENSORS = {
     "gnss": (
         GNSS,
         GnssParameters(
-            SENSOR_POSITION,
-            PositionDeviation(0.11, 0.12, 0.13),
-            VelocityDeviation(0.014, 0.015, 0.016),
-            1.0,
-            GnssErrors(
-                PositionDrift(PositionDeviation(0.21, 0.22, 0.23), Correlation.of(0.8, 0.01)),
-                Multipath(PositionDeviation(0.31, 0.32, 0.33), 0.5),
+            position=SENSOR_POSITION,
+            position_noise=PositionDeviation(0.11, 0.12, 0.13),
+            velocity_noise=VelocityDeviation(0.014, 0.015, 0.016),
+            latency_samples=1.0,
+            errors=GnssErrors(
+                PositionDrift(deviation=PositionDeviation(0.21, 0.22, 0.23), correlation=Correlation.of(0.8, 0.01)),
+                Multipath(deviation=PositionDeviation(0.31, 0.32, 0.33), threshold=0.5),
             ),
         ),
     ),
-    "range_finder": (RANGE_FINDER, RangeFinderParameters(SENSOR_POSITION, 0.07, 0.25, 0.95, 0.02, 0.08, 0.09, 1.0)),
+    "range_finder": (
+        RANGE_FINDER,
+        RangeFinderParameters(
+            position=SENSOR_POSITION,
+            ground=0.07,
+            min_distance=0.25,
+            max_distance=0.95,
+            bias=0.02,
+            distance_noise=0.08,
+            relative_noise=0.09,
+            latency_samples=1.0,
+        ),
+    ),
     "optical_flow": (
         OPTICAL_FLOW,
-        OpticalFlowParameters(SENSOR_POSITION, 0.07, 0.25, 0.95, 1.6, 0.08, 0.09, 1.0),
+        OpticalFlowParameters(
+            position=SENSOR_POSITION,
+            ground=0.07,
+            min_distance=0.25,
+            max_distance=0.95,
+            max_flow=1.6,
+            flow_noise=0.08,
+            scale_error=0.09,
+            latency_samples=1.0,
+        ),
     ),
     "uwb_range": (
         UWB_RANGE,
-        UwbParameters(Anchor(1.1, -0.9, 2.1), SENSOR_POSITION, 2.3, 0.08, 0.09, 1.0, UwbErrors(Outliers(0.5, 0.41))),
+        UwbParameters(
+            anchor=Anchor(1.1, -0.9, 2.1),
+            position=SENSOR_POSITION,
+            max_distance=2.3,
+            bias=0.08,
+            distance_noise=0.09,
+            latency_samples=1.0,
+            errors=UwbErrors(Outliers(threshold=0.5, deviation=0.41)),
+        ),
     ),
 }
 LOSSY_LINK = {"longest_delay": 3, "loses_packets": True}
 
 
-THRUST_RANGE = ThrustRange(2.0, 12.0)
-RATES_SCALE = RatesScale(THRUST_RANGE, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.0065, 0.0085, 0.0126)
+THRUST_RANGE = ThrustRange(min_thrust=2.0, max_thrust=12.0)
+RATES_SCALE = RatesScale(
+    thrust=THRUST_RANGE,
+    rates=BodyRates(5.0, 4.0, 2.0),
+    gains=PerAngle(10.0, 9.0, 3.0),
+    i_xx=0.0065,
+    i_yy=0.0085,
+    i_zz=0.0126,
+)
 SPEED_SCALE = SpeedScale(
-    60.0,
-    300.0,
-    PerRotor(
+    min_speed=60.0,
+    max_speed=300.0,
+    wrenches=PerRotor(
         Wrench(4.1e-5, 1.1e-6, -7.0e-6, 1.3e-6),
         Wrench(4.2e-5, -7.1e-6, 1.2e-6, -1.4e-6),
         Wrench(4.3e-5, 1.5e-6, 7.2e-6, 1.6e-6),
         Wrench(4.4e-5, 7.3e-6, 1.7e-6, -1.8e-6),
     ),
 )
-OBSERVATION_PARAMETERS = ObservationParameters(290.0, (0.1, -0.2, 0.3))
+OBSERVATION_PARAMETERS = ObservationParameters(top_speed=290.0, initial_action=(0.1, -0.2, 0.3))
 OBSERVATION_SPEC = ObservationSpec(
-    ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
+    signals=("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"),
+    frame="body",
+    history=3,
+    turn=0.4,
 )
-HEADING_OBSERVATION = {"spec": ObservationSpec(("velocity", "rotation"), "reference_heading"), "num_actions": 3}
+HEADING_OBSERVATION = {
+    "spec": ObservationSpec(signals=("velocity", "rotation"), frame="reference_heading"),
+    "num_actions": 3,
+}
 ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)
 OBSERVATION_STRUCTURE = {"spec": OBSERVATION_SPEC, "num_actions": 3, "num_ahead": 2}
 
@@ -543,16 +649,22 @@ def _loop(kind, measured, delay, seed) -> AxisLoop:
     return AxisLoop(A, rows(), L, rows(), tuple(rng.uniform(0.1, 0.3, delay).tolist()), 1.7 + 0.1 * seed)
 
 
-NOMINAL_THRUST = ThrustParameters(0.68, 9.81, 0.7, 2.0, 12.0, 0.07)
+NOMINAL_THRUST = ThrustParameters(mass=0.68, gravity=9.81, tan_max_tilt=0.7, min_thrust=2.0, max_thrust=12.0, lead=0.07)
 TORQUE_LQG = LqgParameters(
-    _loop(TorqueChain, 2, 2, 1),
-    _loop(VerticalChain, 1, 2, 2),
-    NOMINAL_THRUST,
-    TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 400.0, 0.09),
-    None,
+    lateral=_loop(TorqueChain, 2, 2, 1),
+    vertical=_loop(VerticalChain, 1, 2, 2),
+    thrust=NOMINAL_THRUST,
+    torques=TorqueParameters(
+        i_xx=0.0065, i_yy=0.0085, i_zz=0.0126, yaw_k_p=5.0, yaw_k_d=3.1, max_snap=400.0, lead=0.09
+    ),
+    target=None,
 )
 TARGET_LQG = LqgParameters(
-    _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), NOMINAL_THRUST, None, TargetParameters(0.2, 0.03)
+    lateral=_loop(AttitudeChain, 2, 1, 3),
+    vertical=_loop(VerticalChain, 1, 1, 4),
+    thrust=NOMINAL_THRUST,
+    torques=None,
+    target=TargetParameters(0.2, 0.03),
 )
 
 
@@ -578,7 +690,7 @@ MPC_STRUCTURE: dict[str, Any] = {
     "corridor": Corridor(PerAxis(-0.3, -0.4, -np.inf), PerAxis(0.2, np.inf, 0.1), follows_reference=True, weight=20.0),
 }
 TARGET_REGULATORS = {"lateral": _regulator(TARGET_LQG.lateral), "vertical": _regulator(TARGET_LQG.vertical)}
-GROUND_EFFECT = Effects(ground_effect=GroundEffect(0.11, 0.05))
+GROUND_EFFECT = Effects(ground_effect=GroundEffect(rotor_radius=0.11, ground_height=0.05))
 FILTER = FilterParameters(
     InertialNoise(0.011, 0.12, 0.0013, 0.0014),
     EstimateDeviation(*(0.3 + 0.02 * np.arange(15)).tolist()),
@@ -608,7 +720,11 @@ FLEET_SYSTEMS = [
     Example(AttitudeAutopilot, AUTOPILOT, {"noisy": True}, num_vehicles=2),
     Example(AttitudeAutopilot, AUTOPILOT, {"period": 0.005}, has_all_ports=False),
     Example(
-        AttitudeAutopilot, PID_AUTOPILOT, {"rules": LoopRules(False, True, True)}, num_vehicles=2, has_all_ports=False
+        AttitudeAutopilot,
+        PID_AUTOPILOT,
+        {"rules": LoopRules(gyroscopic=False, attitude_integrates_first=True, rate_integrates_first=True)},
+        num_vehicles=2,
+        has_all_ports=False,
     ),
     Example(AttitudeAutopilot, PX4_AUTOPILOT, has_all_ports=False),
     Example(AttitudeController, PD_ATTITUDE),
@@ -620,7 +736,7 @@ FLEET_SYSTEMS = [
     Example(CommandLink, WRENCH_LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
     Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),
-    Example(AttitudeActuation, AttitudeScale(THRUST_RANGE, 0.6, 0.5), num_vehicles=2),
+    Example(AttitudeActuation, AttitudeScale(thrust=THRUST_RANGE, tilt=0.6, yaw=0.5), num_vehicles=2),
     Example(OffboardRateActuation, RATES_SCALE, num_vehicles=2),
     Example(OnboardRateActuation, RATES_SCALE, num_vehicles=2),
     Example(RotorSpeedActuation, SPEED_SCALE, {"order": (2, 0, 3, 1)}, num_vehicles=2),
@@ -657,13 +773,18 @@ FLEET_SYSTEMS = [
     Example(Gust, GUST),
     Example(IncrementalAttitudeController, INCREMENTAL_ATTITUDE, {"delay_ticks": 1}),
     Example(IncrementalAttitudeController, INCREMENTAL_ATTITUDE, num_vehicles=2),
-    Example(SineWind, SineParameters(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
-    Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
-    Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), {"integration": "backward_euler"}),
-    Example(IntegratingAttitudeController, IntegratingAttitudeParameters(PD_ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
+    Example(SineWind, SineParameters(velocity=Wind(1.0, 2.0, 3.0), frequency=1.1, phase=2.2)),
+    Example(IntegralCorrection, IntegralGains(k_i=PerAxis(0.3, 0.2, 1.5), limit=0.6), num_vehicles=2),
+    Example(
+        IntegralCorrection, IntegralGains(k_i=PerAxis(0.3, 0.2, 1.5), limit=0.6), {"integration": "backward_euler"}
+    ),
     Example(
         IntegratingAttitudeController,
-        IntegratingAttitudeParameters(PD_ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
+        IntegratingAttitudeParameters(attitude=PD_ATTITUDE, k_i=PerAngle(9.0, 7.0, 5.0), limit=3.0),
+    ),
+    Example(
+        IntegratingAttitudeController,
+        IntegratingAttitudeParameters(attitude=PD_ATTITUDE, k_i=PerAngle(9.0, 7.0, 5.0), limit=3.0),
         {"period": 0.01, "integration": "backward_euler", "transports": False},
         num_vehicles=2,
     ),
@@ -683,7 +804,14 @@ FLEET_SYSTEMS = [
     Example(MotionCapture, CAMERA_PARAMETERS, has_all_ports=False),
     Example(NoiseSource, NOISE_SAMPLES, {"streams": RANDOM_STREAMS}, num_vehicles=2),
     Example(
-        PidCascade, TILT_CASCADE, {"num_ticks": 5, "tick": 0.002, "rules": CascadeRules(True, True)}, num_vehicles=2
+        PidCascade,
+        TILT_CASCADE,
+        {
+            "num_ticks": 5,
+            "tick": 0.002,
+            "rules": CascadeRules(position_integrates_first=True, velocity_integrates_first=True),
+        },
+        num_vehicles=2,
     ),
     Example(PidCascade, ACCELERATION_CASCADE),
     Example(PidCascade, ACCELERATION_CASCADE, {"rules": CascadeRules(decouples_vertical=False)}, num_vehicles=2),
@@ -741,7 +869,7 @@ FLEET_SYSTEMS = [
     ),
     Example(
         ThrottleAllocation,
-        ThrottleModel(RotorModel.of(VEHICLE.parameters), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),
+        ThrottleModel(rotors=RotorModel.of(VEHICLE.parameters), thrust_factor=4.2e-5, curve=ThrustCurve(0.1, 0.9, 3.1)),
     ),
     Example(ThrustOnly),
     Example(ThrustVectoring, THRUST_VECTORING),
@@ -751,7 +879,12 @@ FLEET_SYSTEMS = [
     Example(TiltDisturbanceEstimator, TILT_ESTIMATOR, num_vehicles=2),
     Example(
         WeightLearning,
-        LearningParameters(1.4, CovarianceLaw(0.8, 5.0, 0.997), LEARNING_LIMITS, 0.05),
+        LearningParameters(
+            slope=1.4,
+            law=CovarianceLaw(gain=0.8, initial_covariance=5.0, forgetting=0.997),
+            limits=LEARNING_LIMITS,
+            initial_weight=0.05,
+        ),
         {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0), "leads": True},
         num_vehicles=2,
     ),
@@ -759,16 +892,22 @@ FLEET_SYSTEMS = [
         SetLearning,
         AdaptationParameters(
             (ANTECEDENTS, ANTECEDENTS._replace(a1=1.7)),
-            AdaptationRates(0.3, 0.2, 0.1),
-            LearningParameters(1.4, GradientLaw(0.4), LEARNING_LIMITS, 0.05),
+            AdaptationRates(centres=0.3, widths=0.2, exponents=0.1),
+            LearningParameters(slope=1.4, law=GradientLaw(0.4), limits=LEARNING_LIMITS, initial_weight=0.05),
         ),
         {"axes": ("x", "z")},
         num_vehicles=2,
     ),
-    Example(WeightLearning, LearningParameters(1.4, GradientLaw(0.4), LEARNING_LIMITS, 0.05), has_all_ports=False),
     Example(
         WeightLearning,
-        LearningParameters(1.4, SignLaw(0.4, 0.2), LEARNING_LIMITS, 0.05),
+        LearningParameters(slope=1.4, law=GradientLaw(0.4), limits=LEARNING_LIMITS, initial_weight=0.05),
+        has_all_ports=False,
+    ),
+    Example(
+        WeightLearning,
+        LearningParameters(
+            slope=1.4, law=SignLaw(rate=0.4, initial_slope=0.2), limits=LEARNING_LIMITS, initial_weight=0.05
+        ),
         num_vehicles=2,
         has_all_ports=False,
     ),

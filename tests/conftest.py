@@ -108,7 +108,7 @@ def _restored_process_settings():
 
 @pytest.fixture(autouse=True)
 def _restored_registries():
-    """Remove what a test has registered: members of open unions, and effects."""
+    """Remove the classes that a test has registered, such as its own kinds of controllers or effects."""
     before = {registry: {*registry.members} for registry in REGISTRIES}
     yield
     for registry, names in before.items():

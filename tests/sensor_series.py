@@ -1,4 +1,4 @@
-"""Series of readings of a measurement law, computed without a simulator."""
+"""Time series of sensor readings, computed from a measurement law without a simulator."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from drake_quad.framework.records import layout_of
 
 
 def series(law, parameters, signals, num_readings, num_vehicles=1, seed=None):
-    """Return the (T, rows, N) readings of a law for N vehicles.
+    """Return an array (T, rows, N) of T sensor readings of N vehicles.
 
     Args:
         law: measurement law.

@@ -123,6 +123,7 @@ def test_a_setting_is_restored_after_an_error():
     assert Setting.value == "usual"
 
 
+# Program that prints the number of wrong results, and the number of compilations minus the number of formulas.
 KERNELS_PROGRAM = """
 import sys, threading
 import numpy as np
@@ -152,6 +153,7 @@ for thread in threads:
 print(len(wrong), len(compiled) - len(formulas))
 """
 
+# Program that prints "alike" if flights in concurrent threads equal flights that are simulated one after another.
 FLIGHTS_PROGRAM = """
 import threading
 import numpy as np
@@ -186,7 +188,7 @@ def fresh_process(program, cache):
 @pytest.mark.parametrize(
     ("program", "printed"), [(KERNELS_PROGRAM, "0 0\n"), (FLIGHTS_PROGRAM, "alike\n")], ids=["kernels", "flights"]
 )
-def test_threads_of_a_new_process_compile_each_formula_once_and_fly_as_alone(program, printed, tmp_path):
+def test_threads_of_a_new_process_compile_each_formula_once_and_simulate_the_same_flights(program, printed, tmp_path):
     """The cache on disk is empty, so all threads start compiling at the same time."""
     result = fresh_process(program, tmp_path / "cache")
     assert (result.returncode, result.stdout, result.stderr) == (0, printed, "")

@@ -15,7 +15,7 @@ from drake_quad.framework.symbols import Symbol
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.testing import check_system
 
-TWO_ROWS = rows_layout(2)
+TWO_COMPONENTS = rows_layout(2)
 ALL_RULES = ("names", "ports", "context", "vehicles", "numbers", "derivatives", "compiled")
 # `check_system` varies the number of vehicles. This is impossible for a broadcast, whose input has one vehicle, and for
 # a noise source, which has one vehicle per sample. Examples with parameters for exactly two vehicles are left out, too.
@@ -37,12 +37,12 @@ def test_every_system_of_the_package_passes_check_system(example):
 
 
 def system_with(law, **options):
-    """Return the class of a system with input u and output y = law(u), which have two rows each."""
+    """Return the class of a system with input u and output y = law(u), which have two components each."""
 
     @fleet_system(float, AutoDiffXd)
     class CustomSystem(FleetSystem):
         def declare(self):
-            self.output("y", law, self.input("u", layout=TWO_ROWS), layout=TWO_ROWS, **options)
+            self.output("y", law, self.input("u", layout=TWO_COMPONENTS), layout=TWO_COMPONENTS, **options)
 
     return CustomSystem
 

@@ -60,10 +60,6 @@ FILE_NAME = r"# \w+\.(?:yaml|py)\n"
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
 
 
-# Libraries that only examples need. If a library is not installed, blocks that import it are skipped.
-OPTIONAL_LIBRARIES = ("openturns", "optuna")
-
-
 def blocks(language):
     parameters = []
     for page in PAGES:
@@ -97,9 +93,6 @@ def few_samples(monkeypatch):
 @pytest.mark.usefixtures("blank_figures", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_of_the_pages_runs(block, linked_folder, capsys):
-    for library in OPTIONAL_LIBRARIES:
-        if re.search(rf"^import {library}\b", block, re.MULTILINE):
-            pytest.importorskip(library)
     path = linked_folder / "block.py"
     path.write_text(block, encoding="utf-8")
     # run_path replaces sys.modules["__main__"], because worker processes look up the classes of a block there. The path
@@ -200,7 +193,7 @@ def run_program(program, arguments, monkeypatch):
 
 
 class ParsedError(BaseException):
-    """Signal that a command line has been parsed. It is no `Exception`, because commands catch those of user files."""
+    """Signal that a command line was parsed. It is not an `Exception`, because commands catch those of user files."""
 
 
 def commands():
@@ -289,7 +282,7 @@ def test_every_page_is_linked_from_the_index():
 def row_of(system):
     """Return the cells of a system in the table of docs/reference/systems.md: inputs, outputs, parameters and states.
 
-    A cell is a list of pairs of a name and a number of rows, which is empty if the cell does not contain it.
+    A cell is a list of names, each with its number of components as text; this text is empty if the cell has no number.
     """
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()

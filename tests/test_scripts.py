@@ -56,14 +56,14 @@ def test_the_help_of_a_tool_ends_with_an_example(run, tool):
 
 
 @tools
-def test_a_tool_imports_the_handler_of_interruptions_before_slow_modules(tool):
-    """The first import after those of the standard library is `running`, or `benchmark`, which imports it first."""
+def test_a_tool_handles_keyboard_interrupts_before_it_imports_slow_modules(tool):
+    """The first import after the standard library is `running`, or `benchmark`, which imports `running` first."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
     assert others[0] in ("drake_quad.command_line.running", "benchmark")
 
 
-def test_commands_import_the_handler_of_interruptions_first():
+def test_commands_handle_keyboard_interrupts_before_other_imports():
     text = (ROOT / "drake_quad" / "command_line" / "running.py").read_text(encoding="utf-8")
     imports = re.findall(r"^(?:import|from) ([\w.]+)", text, re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
@@ -84,7 +84,7 @@ def run_script(tmp_path, monkeypatch, capsys):
 
 
 def numbers(pattern, text):
-    """Return the numbers in a text at the places of `#` in a pattern, which is a regular expression."""
+    """Return the numbers in a text that stand where the pattern, a regular expression, contains `#`."""
     return [float(number) for number in re.search(pattern.replace("#", r"(-?\d[\d.]*)"), text).groups()]
 
 
@@ -92,7 +92,8 @@ def numbers(pattern, text):
 def test_the_flight_in_drakes_simulator_has_the_same_errors_as_simulate(run_script, tmp_path):
     text, variables = run_script("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
-    # The log covers the whole flight, whereas the metrics leave out the first second. So the errors differ slightly.
+    # The recorded errors cover the whole flight, whereas the metrics leave out the first second, so they differ
+    # slightly.
     flight = simulate(variables["scenario"], compiled=True)
     assert rmse == pytest.approx(100.0 * flight.metrics.rmse, rel=0.05)
     assert largest == pytest.approx(100.0 * flight.metrics.peak_error, rel=0.05)

@@ -131,7 +131,7 @@ ALL_EXAMPLES = [(example.system, example.make) for example in FLEET_SYSTEMS] + D
 
 @pytest.mark.parametrize(("documented", "make"), ALL_EXAMPLES, ids=name_of)
 def test_autodiff_and_float_systems_compute_equal_outputs_and_states(documented, make):
-    """Compared are all outputs and the state after a tick, for random inputs and states."""
+    """All outputs and the state after a tick are compared, for random inputs and states."""
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
@@ -182,7 +182,7 @@ def overwrite(context):
 
 
 @examples
-def test_a_context_reset_to_new_parameters_equals_that_of_a_new_system_with_them(example):
+def test_a_context_that_is_reset_to_new_parameters_equals_the_context_of_a_new_system(example):
     """All parameters and states are overwritten before the reset, so the reset must set each of them."""
     parameters = example.other_parameters
     system, other = example.make(), example.make_with(parameters)
@@ -293,7 +293,7 @@ def loop_period(system, argument):
 
 @examples
 def test_constructor_defaults_equal_those_of_the_scenario_language(example):
-    """This concerns periods, time steps, and parameters of which each field has a default."""
+    """The test compares periods and time steps. It also compares parameters if each of their fields has a default."""
     system = example.system
     declared = inspect.signature(system.declare).parameters.values()
     defaults = {each.name: each.default for each in declared if each.default is not inspect.Parameter.empty}

@@ -83,7 +83,7 @@ def test_an_input_error_in_the_user_s_code_is_located_without_its_type(mine):
 
 
 def test_a_program_that_calls_this_package_is_not_user_code(mine):
-    """Only code that this package calls is user code. The frames of a program come before those of the package."""
+    """Only code that this package calls is user code. A program is above the package in the call stack."""
     error = error_of(lookup, {}, "a", "name")
     assert user_frames(error) == []
     assert user_traceback(error) == ""
@@ -137,7 +137,7 @@ def entry_of(function):
     try:
         lookup(Table(function), "name", "name")
     except Exception as error:
-        # The method `__contains__` above is a frame of the test, so it is user code as well.
+        # The method `__contains__` above is called by the package, so it counts as user code as well.
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.name == "__contains__"]
         assert len(frames) == 1
         raise

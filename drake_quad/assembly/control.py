@@ -14,7 +14,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 
 def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
-    """Return the scenario properties on which its control depends, for a flight along a plan."""
+    """Return the properties of a scenario and its plan on which the control depends."""
     laboratory = scenario.laboratory
     return ControlSetting(
         nominal=nominal_parameters(scenario),

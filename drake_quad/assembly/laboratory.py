@@ -22,7 +22,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.quantities import any_nonzero
 from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
 from drake_quad.scenario.winds.source import WindSurroundings as WindSurroundings
-from drake_quad.signals import AttitudeTarget, Wrench
+from drake_quad.signals import AttitudeTarget, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.faults import RotorFaults
@@ -142,7 +142,7 @@ def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMot
     """Return the recipe for the vehicle.
 
     Raises:
-        InputError: if the rotors of a drawn vehicle cannot produce every torque.
+        InputError: if the rotors of a vehicle in the batch cannot produce every torque.
     """
     vehicle = scenario.vehicle
     effects = fleet.vehicle.effect_parameters()
@@ -153,11 +153,9 @@ def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMot
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # Layouts with paired rotors can produce every torque for all values that can be drawn.
+    # Layouts with paired rotors can produce every torque, whatever values their parameters are drawn with.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
-        raise InputError(
-            f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
-        )
+        raise InputError(f"vehicle.layout cannot produce {missing} in some of the samples; narrow its distributions")
     config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
     return fleet.laboratory.autopilot.vehicle_recipe(structure, config)
 
@@ -182,7 +180,8 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 def _check_step(fleet: Any) -> None:
     """Raise InputError if the motion of the vehicle is too fast for its time step to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
-    airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
+    wind_speed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
+    airspeed = wind_speed + speed(Wind(*fleet.initial.velocity))
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     effects = vehicle.effects()
     steepest = sum(effect.max_damping(vehicle, airspeed) for effect in effects.values())
@@ -204,7 +203,7 @@ def _check_step(fleet: Any) -> None:
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """Return the recipe for the command link. The link outputs a hover command until the first packet arrives.
+    """Return the recipe for the radio link. Its output is a hover command until the first packet arrives.
 
     Args:
         scenario: scenario that contains the link.
@@ -221,7 +220,7 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the autopilot between link and allocation; empty if the scenario has no autopilot."""
+    """Return the recipe for the autopilot, which follows the radio link; empty if the scenario has no autopilot."""
     settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
     follows_attitude = not scenario.control.commands_rates_only()
     return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)

@@ -50,7 +50,7 @@ class _UserSystemSettings(Model):
 
     @classmethod
     def registration_option(cls) -> str:
-        """Return the option `--controller` that imports the system; empty if no importable file defines it."""
+        """Return the option `--controller` that imports the system; "" if no importable file defines it."""
         if issubclass(cls.system, ExportedController):
             return f"--controller {shlex.quote(str(shortest_path(cls.system.folder.resolve())))}"
         file = "" if cls.system.__module__ == "__main__" else defining_file(cls.system)
@@ -149,7 +149,7 @@ def register_controller(system: Any) -> str:
 def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, Any]:
     """Return a new system for each registered kind in a scenario that is not a `FleetSystem`.
 
-    The keys are the arguments of `simulate` that accept the systems.
+    The keys are names of arguments of `simulate`, which accept the systems.
     """
     control: Any = scenario.control
     settings = {"control": control, "position_controller": getattr(control, "position", None)}
@@ -170,7 +170,7 @@ def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
     if num_vehicles > 1 and not takes_number:
         raise InputError(
             f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles,"
-            " and its ports must have the rows of all these vehicles, as in docs/how_to/your_own_controller.md"
+            " and each port must contain the values of all vehicles, as in docs/how_to/your_own_controller.md"
         )
     try:
         return system(num_vehicles=num_vehicles, **parameters) if takes_number else system(**parameters)
@@ -190,7 +190,7 @@ def _takes_number(system: type) -> bool:
 
 
 def _role_of(system: Any) -> tuple[str, str]:
-    """Return the part of the loop that a system replaces, and the command that it sends over the link.
+    """Return the part of the loop that a system replaces, and the command that it sends to the vehicle.
 
     Raises:
         InputError: if the system has the output port of neither a position controller nor a control.

@@ -3,7 +3,7 @@
 reference ──▶ control ──▶ laboratory
 │            ▲             │
 │            └─measurement─┘
-└──▶ monitor, recorder ◀── (all of them)
+└──▶ monitor, recorder ◀── signals of all diagrams
 """
 
 from collections.abc import Mapping
@@ -58,8 +58,8 @@ def build_fleet_diagram(
         record: True to add a recorder, which samples all signals at every control tick.
         drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
             samples.
-        injects: True to add two ports. The signal at the input port `injection` is added to the command over the link;
-            the output port `injected` has the sum.
+        injects: True to add two ports. The signal at the input port `injection` is added to the command before it
+            enters the command link; the output port `injected` has the sum.
         exported: declaration of input ports that supply the laboratory's random numbers.
         open_action: True to add an input port `action` for the action of a policy.
 
@@ -90,7 +90,7 @@ def build_fleet_diagram(
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
     def connect(source: Any, signal: str, target: Any) -> None:
-        """Connect the ports of a signal if both the source and the target have it."""
+        """Connect the ports of a signal if both the source and the target have such a port."""
         if target.HasInputPort(signal) and source.HasOutputPort(signal):
             builder.Connect(source.GetOutputPort(signal), target.GetInputPort(signal))
 
@@ -154,7 +154,7 @@ def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str
 def reset_fleet(
     diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems()
 ) -> None:
-    """Reset a context to the default context that the diagram would have if it were built for another batch.
+    """Reset the context of a diagram for another batch, as if the diagram had been built for that batch.
 
     Args:
         diagram: diagram from `build_fleet_diagram` for a batch of the same scenario and size, and for the same plan.
@@ -204,7 +204,10 @@ def set_fleet_parameters(
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:
-    """Return a user's source of wind, with a hold unless the source itself samples the wind; None without a source."""
+    """Return a user's source of wind, as a system that samples the wind periodically; None if there is no source.
+
+    A zero-order hold is added unless the source is a system that samples the wind itself.
+    """
     if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind
     return build_held_wind(wind, period=wind_period(scenario))

@@ -1,6 +1,5 @@
 """Systems that a user passes to replace parts of the closed loop, and checks of their ports."""
 
-import inspect
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 from drake_quad.errors import InputError, did_you_mean
 from drake_quad.framework.records import layout_of
 from drake_quad.signals import SIGNALS
+from drake_quad.user_code import describe_callable, takes_one_argument
 
 
 class UserSystems(NamedTuple):
@@ -45,10 +45,11 @@ class UserSystems(NamedTuple):
         """
         systems = {}
         for name, make in self.specified.items():
-            takes_a_number = _takes_a_number(make)
-            system = make(num_vehicles) if takes_a_number else None
+            takes_number = takes_one_argument(make)
+            system = make(num_vehicles) if takes_number else None
             if not _is_system(system):  # reject None, which would later select the scenario's system
-                flaw = f"{_described(make)} returns {_returned(system)}" if takes_a_number else f"is {_described(make)}"
+                name_of_function = describe_callable(make)
+                flaw = f"{name_of_function} returns {_returned(system)}" if takes_number else f"is {name_of_function}"
                 raise InputError(
                     f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"
                     f" `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {flaw}"
@@ -100,7 +101,7 @@ def check_user_systems(
         systems: systems to check.
         num_vehicles: number of vehicles N.
         command: signal that the command link carries, which a user's control must compute.
-        rows: numbers of rows of `observation` and `action`, if the scenario's control has a policy.
+        rows: sizes of `observation` and `action` for one vehicle, if the scenario's control has a policy.
         sensors: names of the ports of sensors, which a user's control may read.
 
     Raises:
@@ -129,7 +130,7 @@ def check_user_systems(
 def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str, int], num_vehicles: int) -> None:
     if not _is_system(system):
         hint = ", an object and not its class or a function that returns it" if callable(system) else ""
-        raise InputError(f"{name} must be a Drake system{hint}, but is {_described(system)}")
+        raise InputError(f"{name} must be a Drake system{hint}, but is {describe_callable(system)}")
     inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
     outputs = {port.get_name(): port.size() for port in map(system.get_output_port, range(system.num_output_ports()))}
     if (ports.output not in outputs) if ports.named else (len(outputs) != 1):
@@ -150,7 +151,7 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     for port, size, rows in [*connected, (output, outputs[output], sizes[ports.output])]:
         if size != rows * num_vehicles:
             fleet = f" for each of {num_vehicles} vehicles" if num_vehicles > 1 else ""
-            raise InputError(f"the port `{port}` of {name} must have {rows} rows{fleet}, but has {size}")
+            raise InputError(f"the port `{port}` of {name} must have {rows} elements{fleet}, but has {size}")
 
 
 def _is_system(thing: Any) -> bool:
@@ -158,33 +159,11 @@ def _is_system(thing: Any) -> bool:
     return not isinstance(thing, type) and hasattr(thing, "num_output_ports")
 
 
-def _takes_a_number(make: Any) -> bool:
-    """Return whether a function accepts a single argument; True if its signature is unknown."""
-    try:
-        inspect.signature(make).bind(1)
-    except TypeError:  # also raised for objects that are not callable
-        return False
-    except ValueError:  # functions implemented in C++ may have no signature
-        return True
-    return True
-
-
-def _described(thing: Any) -> str:
-    """Return a short description of an object that should be a system, without its memory address."""
-    if not callable(thing):
-        return "None" if thing is None else f"an object of type {type(thing).__name__}"
-    name = getattr(thing, "__name__", type(thing).__name__)
-    try:
-        return f"{name}{inspect.signature(thing)}"
-    except (TypeError, ValueError):
-        return str(name)
-
-
 def _returned(thing: Any) -> str:
     """Return a short description of what a function returned instead of a system."""
     if isinstance(thing, type):
         return f"the class {thing.__name__} and not an object of it"
-    return "nothing" if thing is None else _described(thing)
+    return "nothing" if thing is None else describe_callable(thing)
 
 
 def _listed(names: Mapping[str, int]) -> str:

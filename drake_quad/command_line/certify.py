@@ -39,11 +39,11 @@ from drake_quad.scenario.paths import distributions_in, map_leaves
 
 _MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
 _OFFSET = 0.1  # m and rad, initial error of the flight that shows an instability
-# Duration of the flight that shows an instability, in times of growth by a factor of e, and limits of the duration, s.
+# Duration of the flight that shows an instability, in time constants of its growth, and limits of the duration, s.
 _NUM_GROWTH_TIMES = 5.0
 _MIN_FLIGHT_SECONDS = 20.0
 _MAX_FLIGHT_SECONDS = 300.0
-_NO_EQUILIBRIUM_SECONDS = 10.0  # duration of the flight without an equilibrium
+_NO_EQUILIBRIUM_SECONDS = 10.0  # duration of the flight that shows the lack of an equilibrium
 
 
 def options() -> argparse.ArgumentParser:
@@ -59,8 +59,8 @@ def options() -> argparse.ArgumentParser:
         metavar="FIELD=PERCENT%",
         action="append",
         default=[],
-        help="give a field a range of this size about its value, as in vehicle.mass=10%%; the scenario's own"
-        " distributions are then replaced by their medians; can be given several times",
+        help="vary a field by up to this percentage of its value, as in vehicle.mass=10%%; the distributions of the"
+        " scenario are then replaced by their medians; can be given several times",
     )
     add_controller(result)
     return result
@@ -84,7 +84,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_certificate(scenario, found)
     if found.stable_scale > 0.0:
         print_joint_disk_margin(joint_disk_margin(median))
-    print(f"computed from {found.num_loops:,} exact loops in {seconds:.0f} s")
+    print(f"computed from {found.num_loops:,} exact linear models of the loop in {seconds:.0f} s")
     files = write_tables(folder, median, found)
     for name, failing, sentences in failing_flights(median, found):
         files.append(folder / name)
@@ -94,7 +94,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Scenario, list[str]]]:
-    """Return flights that show how hover fails: name of the file, scenario, and sentences about what to expect."""
+    """Return flights that show how hover fails, each as file name, scenario, and sentences about what to expect."""
     flights = []
     if found.growth is not None:
         loop, time_constant = found.growth
@@ -128,7 +128,7 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
     """Return the scenario in which the fields of `--vary` have uniform distributions.
 
     Raises:
-        InputError: if a text is not FIELD=PERCENT%, or the scenario does not contain the number.
+        InputError: if a text is not FIELD=PERCENT%, or FIELD is not a number of the scenario.
     """
     if not texts:
         if not distributions_in(scenario):
@@ -147,18 +147,18 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
             raise InputError(f"--vary {text}: must be FIELD=PERCENT% between 0 % and 100 %, as in vehicle.mass=10%")
         value = number_at(median, path)
         if value == 0.0:
-            raise InputError(f"--vary {text}: {path} is 0, so a percentage of it is no range")
+            raise InputError(f"--vary {text}: {path} is 0, so a percentage does not give it a range")
         low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
         ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
     return map_leaves(median, lambda path, value: ranges.get(path, value))
 
 
 def hovering_at(median: Scenario, values: dict[str, float], *, duration: float, offset: float = 0.0) -> Scenario:
-    """Return the scenario in hover in still air with other values of parameters, as it is certified.
+    """Return a scenario that hovers in still air, the flight for which `certify` computes its bounds.
 
     Args:
         median: scenario without distributions.
-        values: values of parameters, by path.
+        values: values that replace those of the scenario, by path.
         duration: duration of the flight, s.
         offset: initial deviation from the reference along each axis, m, and in yaw, rad.
     """
@@ -175,7 +175,7 @@ def _flight_seconds(growth_time: float) -> float:
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
-    """Print the bounds of the scale, the failing parameters, and what the certificate leaves out."""
+    """Print the bounds of the scale, the failing parameters, and the distributions that do not act on hover."""
     print_scales(scenario.name, found)
     failures = {"unstable": found.unstable, "no equilibrium": found.lost}
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
@@ -192,8 +192,8 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         )
     if found.gap > _MAX_GAP:
         remark(
-            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is neither proved nor"
-            " disproved to be stable"
+            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is not proved to be"
+            " stable, and no instability was found"
         )
     if found.left_out:
         remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")

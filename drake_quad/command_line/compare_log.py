@@ -43,7 +43,7 @@ from drake_quad.statistics.interval import Interval
 _MAX_SAMPLES = 10_000  # largest number of simulated flights
 # Scenarios need a route to be valid, although the reference of the log replaces it.
 _PLACEHOLDER_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
-_STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
+_STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95th percentile"}
 
 
 def options() -> argparse.ArgumentParser:
@@ -115,7 +115,7 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
         remark(
             f"the logged thrust and torque are converted to rotor commands with `nominal` of {vehicle.name}, which has"
             f" identified values ({join_names(nominal)}); the prediction is wrong unless the firmware assumed these"
-            " values in the flight; the file that identify writes without --nominal has the values of the firmware"
+            " values in the flight; if it did not, use a file that identify wrote without --nominal"
         )
     print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
     print_predictions(predict(record, {vehicle.name: median_scenario(vehicle)}))

@@ -50,10 +50,10 @@ class Origin(NamedTuple):
         return cls(str(path.resolve()))
 
     def differs(self, other: "Origin") -> bool:
-        """Return whether two inputs have different sources and are not scenarios with the same nominal vehicle.
+        """Return False if two inputs have the same source, or are scenarios with the same nominal vehicle.
 
-        Therefore, a file remains the same input after its vehicle is edited, and so does a scenario with the same
-        vehicle in another file.
+        Therefore, a file remains the same input after its vehicle is edited, and a scenario remains the same input if
+        it is moved to another file.
         """
         return self.source != other.source and (self.content != other.content or not self.content)
 

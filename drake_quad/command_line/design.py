@@ -213,13 +213,13 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         "--gain-margin",
         type=float,
         metavar="DB",
-        help="smallest gain margin of every loop (default: 6, or 10 for loops on board)",
+        help="smallest permitted gain margin of every loop, in dB (default: 6, or 10 for loops on board)",
     )
     options.add_argument(
         "--delay-margin",
         type=float,
         metavar="TICKS",
-        help="smallest delay margin of attitude loops on the ground (default: 2)",
+        help="smallest delay margin of attitude loops on the ground, in ticks (default: 2)",
     )
     options.add_argument(
         "--on-board",

@@ -42,8 +42,8 @@ def options() -> argparse.ArgumentParser:
         type=float,
         default=default.snap,
         metavar="SIZE",
-        help="largest root mean square of the command along x and y if torques are sent over the link, m/s⁴ (default:"
-        " %(default)s, or twice the snap that compensates the disturbance torque, if this is larger)",
+        help="largest root mean square of the command along x and y if torques are sent over the command link, m/s⁴"
+        " (default: %(default)s, or twice the snap that compensates the disturbance torque, if this is larger)",
     )
     result.add_argument(
         "--acceleration",
@@ -71,7 +71,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_plants(design)
     print()
     print_margins(link_margins(median_scenario(designed)))
-    print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed one:")
+    print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly it:")
     print(f"  {flying_command('study', designed, files[1], '--samples 32')}")
     print_files(files)
 

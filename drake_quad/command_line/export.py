@@ -1,7 +1,7 @@
 """Write the controller of a scenario as C code, for a flight controller or any other computer.
 
-The code computes the command over the link, a wrench or an attitude target, from the measurement and the reference. It
-is C99 without memory allocation, global variables, or libraries other than math.h. In double precision, it computes
+The code computes the command of the controller, a wrench or an attitude target, from the measurement and the reference.
+It is C99 without memory allocation, global variables, or libraries other than math.h. In double precision, it computes
 exactly the numbers of the simulation.
 """
 

@@ -1,4 +1,4 @@
-"""Search for the worst case of a scenario, and explain it beside the nominal flight.
+"""Search for the worst case of a scenario, and compare it with the nominal flight.
 
 The evolution strategy CMA-ES varies the random parameters within some standard deviations, and searches for the worst
 value of a metric. The metric can be the robustness of a requirement, which has the requirement's name and is negative
@@ -6,7 +6,6 @@ if the requirement is violated.
 """
 
 import argparse
-import math
 import time
 from pathlib import Path
 
@@ -92,7 +91,7 @@ def main(arguments: argparse.Namespace) -> None:
         f"{scenario.name}: the worst of {found.num_flights:,} flights in {seconds:.0f} s, within {arguments.sigma:g}"
         " standard deviations:"
     )
-    if math.isinf(found.value):
+    if found.is_crash:
         print(f"  it crashes at {worst.metrics.crash_time:.2f} s")
     values = [f"{getattr(flight.metrics, metric):.4g} {'' if unit == '1' else unit}".rstrip() for flight in flights]
     print(f"  {metric} {values[0]}, nominal {values[1]}")
@@ -102,7 +101,7 @@ def main(arguments: argparse.Namespace) -> None:
     figures = {"worst": plot_worst_flight(worst, nominal), "search": plot_search(found)}
     files = [file, write_parameters(folder / "parameters.csv", found)]
     files += save_figures(figures, folder, vector=arguments.vector)
-    print("fly it again, or see it in a replay")
+    print("to fly the worst case again, or to see it in a replay:")
     print(f"  {flying_command('fly', found.scenario, file)}")
     print(f"  {flying_command('replay', found.scenario, file, '--samples', '1')}")
     print_files(files)

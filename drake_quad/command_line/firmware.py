@@ -20,7 +20,7 @@ from drake_quad.scenario.paths import distributions_in
 
 
 def write_firmware_controller(arguments: argparse.Namespace) -> None:
-    """Write the controller of a firmware as a layer, and the scenario with this controller.
+    """Write the controller of a firmware as a file that scenarios can extend, and the scenario with this controller.
 
     Args:
         arguments: arguments of the command. `firmware` is the path of a parameter file, or the name of a firmware for
@@ -59,7 +59,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
 
 
 def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Path, command: str) -> None:
-    """Write a layer as YAML that a scenario can extend, with the command and the source in a comment."""
+    """Write a part of a scenario as YAML that scenarios can extend, with the command and the source in a comment."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110

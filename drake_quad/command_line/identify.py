@@ -35,7 +35,7 @@ from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 
-# Initial vehicles that an error message suggests for a log without a vehicle, each with the commands that it takes.
+# Vehicles that an error message suggests for a log that does not name its vehicle, each with the commands it takes.
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
 _MAX_WIND = 100.0  # m/s, the largest wind speed that a scenario may contain
@@ -172,7 +172,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
 
 
 def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return the path of the initial vehicle: the vehicle that the logs name, or the scenario saved beside a flight.
+    """Return the initial vehicle as FILE or FILE:NAME: as the logs name it, or the scenario beside a saved flight.
 
     Raises:
         InputError: if the logs name different vehicles, or no vehicle.
@@ -300,7 +300,7 @@ def print_estimates(identification: Identification) -> None:
     if 2 * weak > len(estimates.names):
         remark(
             f"the logs identify only {len(estimates.identified)} of {len(estimates.names)} parameters; the others have"
-            " wide distributions in the file, which include model errors, so rather use the initial vehicle"
+            " wide distributions in the file, which include model errors; use the initial vehicle instead"
         )
 
 
@@ -338,7 +338,7 @@ def print_score(identification: Identification) -> None:
         )
         for output in identification.outputs
     ]
-    print("forecast of held-out flight in short windows")
+    print("forecasts of short sections of held-out flight")
     print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 

@@ -102,7 +102,7 @@ def print_law(law: PositionLaw) -> None:
 
 
 def write_controller(layer: dict[str, Any], law: PositionLaw, path: Path, command: str) -> None:
-    """Write a controller as a layer that scenarios can extend, with the command and the delays in a comment."""
+    """Write a controller as YAML that scenarios can extend, with the command and the delays in a comment."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110

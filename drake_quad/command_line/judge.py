@@ -2,8 +2,8 @@
 
 In laboratories with random parameters, controllers are also certified, which takes a minute for each of them.
 
-The option --tune designs the controllers for families of laboratories by one protocol instead, and writes them into
-diagrams/controllers/designed. A second run without --tune then writes the report.
+The option --tune instead designs the controllers for families of laboratories, all by the same procedure, and writes
+them into diagrams/controllers/designed. A second run without --tune then writes the report.
 """
 
 import argparse

@@ -195,7 +195,7 @@ def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float
 def check_metric(
     scenario: Scenario, name: str, allowed: Sequence[str] | None = None, *, option: str = "--metric"
 ) -> None:
-    """Raise InputError if the value of an option is not the name of an allowed metric; by default all are allowed."""
+    """Raise InputError if an option does not name one of the allowed metrics. By default, all metrics are allowed."""
     names = [*metric_definitions(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
         known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
@@ -212,7 +212,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def parse_overrides(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return overrides for assignments such as `vehicle.mass=0.7`. Error messages about an override name the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`, whose error messages contain the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
@@ -230,7 +230,7 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
         several: help text on the use of several controllers; None if the command accepts only one controller.
     """
     help_text = (
-        "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, a Drake system in"
+        "controller that replaces the controller of the scenario: a controller in YAML as FILE:NAME, a Drake system in"
         " Python as FILE.py:CLASS, or a folder with exported C code; assignments as for --set may follow, as in"
         " 'mine.py:Mine control.position.k_p=2'"
     )

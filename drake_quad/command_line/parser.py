@@ -35,6 +35,13 @@ class Parser(argparse.ArgumentParser):
         """Exit with status 2 and a message."""
         self.exit(2, f"error: {message.removeprefix('argument ')}\n")
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print a message; raise OSError if the standard output cannot be written, which argparse ignores."""
+        if message and file is not None and file is sys.stdout:
+            file.write(message)
+        else:
+            super()._print_message(message, file)
+
     def _is_option(self, argument: str) -> bool:
         """Return whether an argument is an option or the beginning of one."""
         name = argument.partition("=")[0]

@@ -25,7 +25,8 @@ from drake_quad.studies.risk import DEFAULT_PERIOD, Event, Risk, estimate_risk
 from drake_quad.visualization.risk_plots import plot_coordinates, plot_exceedance
 from drake_quad.visualization.style import save_figures
 
-_NUM_PRINTED = 8  # number of coordinates that are printed
+_NUM_PRINTED = 8  # number of random numbers whose distribution is printed
+_MAX_SCIENTIFIC = 0.01  # largest probability that is printed with an exponent instead of as a percentage
 
 
 def options() -> argparse.ArgumentParser:
@@ -119,12 +120,14 @@ def parse_percent(text: str) -> float:
 
 
 def print_risk(risk: Risk, name: str, seconds: float) -> None:
-    """Print the estimate, and the coordinates of the samples at which the event occurs."""
+    """Print the estimate, and the random numbers of the samples at which the event occurs."""
     probability = risk.probability
+    text = f"{probability.value:.2g} [{probability.low:.1e}, {probability.high:.1e}]"
+    if probability.value > _MAX_SCIENTIFIC:
+        text = probability.percent()
     print(
-        f"{name}: the probability of {risk.event} is {probability.value:.2g} [{probability.low:.1e},"
-        f" {probability.high:.1e}], from {len(risk.runs)} independent runs with {risk.num_flights:,} flights in"
-        f" {seconds:.0f} s"
+        f"{name}: the probability of {risk.event} is {text}, from {len(risk.runs)} independent runs with"
+        f" {risk.num_flights:,} flights in {seconds:.0f} s"
     )
     if not risk.is_precise:
         remark("the interval is wider than requested, because the largest number of flights was reached")
@@ -138,7 +141,7 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
         for each in risk.coordinates[:_NUM_PRINTED]
     ]
     if rows:
-        print(f"samples with {risk.event}, in standard deviations from the mean of all samples")
+        print(f"random numbers of the samples with {risk.event}; over all samples, each has mean 0 and deviation 1")
         print_columns(("random number", "mean", "deviation", ""), rows)
 
 
@@ -156,7 +159,7 @@ def write_runs(path: Path, risk: Risk) -> Path:
 
 
 def write_coordinates(path: Path, risk: Risk) -> Path:
-    """Write a table with the distribution of each coordinate among the samples at which the event occurs."""
+    """Write a table with the distribution of each random number over the samples at which the event occurs."""
     means = np.array([each.mean for each in risk.coordinates]).reshape(-1, 3)
     return write_table(
         path,

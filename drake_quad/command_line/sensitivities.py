@@ -112,7 +112,7 @@ def print_sensitivities(sensitivities: Sensitivities, metric: str) -> None:
     if sensitivities.crash_time < math.inf:
         print(f"crashed at {sensitivities.crash_time:.2f} s; metrics and derivatives refer to the flight until then")
     print(f"{metric} {sensitivities.metrics[metric]:.6g} (SI units)")
-    if not sensitivities.metrics[metric] > 0.0 or np.isnan(sensitivities.gradients[metric]).all():
+    if not abs(sensitivities.metrics[metric]) > 0.0 or np.isnan(sensitivities.gradients[metric]).all():
         print(f"{metric} is zero, where it has no derivative")
         return
     effects = sensitivities.values * sensitivities.gradients[metric] / (sensitivities.metrics[metric] or math.nan)

@@ -59,14 +59,15 @@ def options() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="RULE",
-        help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or 'rmse ± 1 %%' of the mean; can"
-        " be given several times; --samples is then the largest number of samples",
+        help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or, relative to the mean,"
+        " 'rmse ± 1 %%'; can be given several times; --samples is then the largest number of samples",
     )
     result.add_argument(
         "--draws",
         choices=DRAWS,
-        help="draws of the random parameters: independent samples, or replicates that cover the distributions evenly,"
-        " whose means are often more precise (default: random, unless the scenario states its draws)",
+        help="method by which random parameters are drawn: independently (random), or in replicates that cover the"
+        " distributions evenly (latin_hypercube, sobol), which often makes means more precise (default: the method of"
+        " the scenario, or random)",
     )
     result.add_argument("--batch", type=int, help="number of vehicles in a fleet (default: about a thousand)")
     add_workers(result, task="study")

@@ -92,7 +92,8 @@ def main(arguments: argparse.Namespace) -> None:
     print_margins(link_margins(median_scenario(tuned)))
     if result.min_margin_ratio < 1.0:
         print(
-            f"\nno candidate meets the limits; the best candidate meets {100.0 * result.min_margin_ratio:.0f} % of them"
+            "\nno candidate meets the limits; the smallest margin of the best candidate is"
+            f" {100.0 * result.min_margin_ratio:.0f} % of its limit"
         )
     print_files([file])
 

@@ -1,7 +1,7 @@
 """Blocks: leaf systems that can be compiled, with the formulas of their outputs and updates.
 
 A FleetSystem declares its formulas. The compiler also supports the Drake systems that select, join, add, scale or hold
-rows.
+components of a vector.
 """
 
 import math
@@ -35,8 +35,8 @@ class BlockUpdate(NamedTuple):
     """Update of a block's state.
 
     Attributes:
-        compute: function that takes the `BlockView` of a trace, and returns the new rows of state groups by group
-            number.
+        compute: function that takes the `BlockView` of a trace, and returns the new values of the state groups that
+            change, by group number.
         period: period of the update, s; None for an update at the start of a simulation.
         unrestricted: True for an update that precedes all discrete updates of the same instant.
         at_start: True if the update also takes place at time zero.
@@ -200,7 +200,7 @@ def _group_number(group: StateGroup) -> int:
 
 
 class _PassThroughBlock(Block):
-    """Block of a system whose output rows are its input rows."""
+    """Block of a system whose output equals its input."""
 
     def output(self, index: int, view: BlockView) -> Rows:
         return view.required_input(0)

@@ -17,7 +17,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# First row in the log and layout of each port or state group, by name.
+# For each port or state group, by name: its first row in the log, and its layout.
 _LogRows = dict[str, tuple[int, Layout]]
 
 
@@ -143,11 +143,11 @@ class ClockedFleet:
         return np.array(rows.transpose(0, 2, 1), dtype, order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
 
     def output_record(self, name: str) -> Any:
-        """Return the value of a selected output port after a tick, as a record of (N,) rows."""
+        """Return the value of a selected output port after a tick, as a NamedTuple of (N,) arrays."""
         return self._record(*self._output_rows[name])
 
     def next_state(self, name: str) -> Any:
-        """Return the value of a monitor's state group after its next update, as a record of (N,) rows."""
+        """Return the value of a monitor's state group after its next update, as a NamedTuple of (N,) arrays."""
         return self._record(*self._state_rows[name])
 
     def _record(self, first: int, layout: Layout) -> Any:
@@ -155,7 +155,7 @@ class ClockedFleet:
         return layout.build([*np.array(rows, order="C").reshape(len(rows), -1)[:, : self.num_vehicles]])
 
     def _log_rows(self, outputs: Sequence[str], monitor: str) -> tuple[_LogRows, _LogRows]:
-        """Return the log rows of each selected port and of each of the monitor's state groups."""
+        """Return where the log contains each selected port, and each of the monitor's state groups."""
         ports = []
         for name in outputs:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles

@@ -4,8 +4,8 @@ All rows of a vector of vehicles are stored contiguously in memory, and remain t
 
     rows    (vectors, rows, lanes)      [state of vehicles 0 to 7] [state of vehicles 8 to 15] ...
 
-A table contains the values that depend only on time, with one row per tick. A vehicle's clock selects its row.
-Results that depend only on parameters are computed when the parameters change.
+A table contains the values that depend only on time, with one row for each tick. The clock of a vehicle selects the row
+of the table. Results that depend only on parameters are computed when the parameters change.
 """
 
 import copy

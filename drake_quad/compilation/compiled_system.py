@@ -103,7 +103,7 @@ class CompiledSystem(LeafSystem):
         context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
 
     def get_state(self, context: Context, path: str, name: str) -> Any:
-        """Return a copy of a FleetSystem's state group, as a record.
+        """Return a copy of a FleetSystem's state group, as a NamedTuple with named components.
 
         Args:
             context: context of this system.
@@ -117,7 +117,7 @@ class CompiledSystem(LeafSystem):
         return group.layout.build(rows)
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
-        """Return a copy of a FleetSystem's parameter, as a record; the arguments are as in `get_state`."""
+        """Return a copy of a FleetSystem's parameter, as a NamedTuple; the arguments are as in `get_state`."""
         parameter = lookup(self._system(path).parameters, name, "parameter")
         row_range = self.program.row_ranges.parameters[path, int(parameter.index)]
         return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), row_range))

@@ -1,4 +1,4 @@
-"""Split of an event's listing: results that depend only on parameters are computed in advance."""
+"""Division of an event's operations into two parts: results that depend only on parameters are computed in advance."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers of two groups in addition to the groups of a trace: precomputed rows and logged rows.
+# Group numbers of the precomputed results and of the log, which follow the group numbers in `trace.py`.
 PRECOMPUTED = 3
 LOG = 4
 # Size of a cache line of the processor, bytes. Array addresses are multiples of this size.
@@ -65,14 +65,14 @@ class Part(NamedTuple):
 
 
 def aligned(size: int) -> np.ndarray:
-    """Return an uninitialized array with `size` elements that is aligned with the lines of the cache."""
+    """Return an uninitialized array with `size` elements that is aligned with the processor's cache lines."""
     array = np.empty(size + CACHE_LINE // 8)
     first = -array.ctypes.data % CACHE_LINE // 8
     return array[first : first + size]
 
 
 class Results(NamedTuple):
-    """Listing lines that are the results of an event.
+    """Lines of a listing, which is a list of operations, that compute the results of an event.
 
     Attributes:
         changes: line that computes the new value of each changed state row, by row index.
@@ -84,7 +84,7 @@ class Results(NamedTuple):
 
     @classmethod
     def of(cls, listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> "Results":
-        """Return the lines of results that are symbols or numbers; numbers are added to the listing as constants."""
+        """Return the lines that compute given symbols or numbers; numbers are added to the listing as constants."""
 
         def line(result: Any) -> int:
             return (result if result.__class__ is Symbol else listing.constant(result)).line
@@ -93,7 +93,7 @@ class Results(NamedTuple):
 
 
 def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
-    """Split a listing into a part that depends only on parameters, and the rest, which reads this part's results.
+    """Split a listing into the operations that depend only on parameters, and the rest, which reads their results.
 
     Args:
         listing: operations of an event, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
@@ -116,7 +116,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
 
 
 class _Copy:
-    """Partial copy of a listing, with only the requested lines and their operands.
+    """Partial copy of a listing, with only the requested operations and their operands.
 
     Attributes:
         listing: listing of the copied lines.

@@ -224,7 +224,7 @@ class Program:
         return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
 
     def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
-        """Trace `instants` instants, from after the discrete updates at the first to before those at the last."""
+        """Trace the time from just after the discrete updates at `first` to just before those `instants` later."""
         for instant in range(first + 1, first + instants + 1):
             trace.next_instant()
             trace.advance(self.updates(instant % self.cycle, unrestricted=True))

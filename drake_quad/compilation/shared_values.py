@@ -23,12 +23,13 @@ class SharedValueSource(NamedTuple):
 
 
 class _Second(NamedTuple):
-    """Shared value that is 1 if an instant is the second tick of a pair of ticks, else 0."""
+    """Shared value that is 1 if an instant is the second tick of a pair (see `Tick`), else 0."""
 
     ticks: CurrentTick
 
 
-# A shared value is the time, the number of a pair of ticks, a tick's position in its pair, or an element of a port.
+# A shared value is the time, the number of a pair of ticks, the position of a tick in its pair (see `Tick`), or an
+# element of a port.
 _SharedValue = str | CurrentTick | _Second | SharedValueSource
 TIME_VALUE = "time"
 """Shared value that is the time of the instant, s."""

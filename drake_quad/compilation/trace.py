@@ -13,9 +13,9 @@ from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, CurrentTick, Tick
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
-# Rows of a port, state or parameter; each row is a symbol or a number.
+# Components of a port, state or parameter; each of these rows is a symbol or a number.
 Rows = list[Any]
-# Numbers of the groups that a listing reads.
+# Numbers of the groups of rows that a listing reads: state, parameters and external inputs.
 STATE, PARAMETERS, INPUTS = range(3)
 # Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
 ROUNDING = 1e-9
@@ -88,7 +88,7 @@ class Trace:
         self._outputs.clear()
 
     def updated_states(self, updates: Iterable[tuple[str, Any]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
-        """Return the new rows of state groups without applying the updates; the arguments are as in `advance`."""
+        """Return the new values of state groups without applying the updates; the arguments are as in `advance`."""
         after: dict[tuple[str, int], Rows] = {}
         for path, update in updates:
             for group, rows in update.compute(BlockView(self, path)).items():

@@ -1,1 +1,1 @@
-"""Controllers: position, estimators, fuzzy networks, attitude, LQG, MPC, trained policies."""
+"""Controllers: position and attitude control, disturbance estimators, fuzzy networks, LQG, MPC and trained policies."""

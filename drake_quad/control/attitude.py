@@ -68,10 +68,10 @@ def attitude_law(
 
 
 def attitude_inputs(system: FleetSystem) -> tuple[Any, Any, Any, Any, Any]:
-    """Declare the input ports and the parameter of an attitude controller.
+    """Declare the input ports and the context parameter `parameters` of an attitude controller.
 
     Returns:
-        Measurement, attitude, body rates, angular acceleration (zero if not connected), and the parameter `parameters`.
+        Ports for measurement, attitude, body rates and angular acceleration (zero if not connected), and the parameter.
     """
     return (
         system.input("measurement"),
@@ -98,8 +98,9 @@ class AttitudeController(FleetSystem):
         - torque
 
     e is `attitude_command` minus the measured attitude, with the yaw error in [-π, π]. ė is `body_rate_command` ω_r
-    minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is multiplied
-    by the moments of inertia, so that the gains apply to a double integrator and do not depend on the vehicle.
+    minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. The angular
+    acceleration k_P e + k_D ė + ω̇_r is multiplied by the moments of inertia. The gains therefore apply to a double
+    integrator and do not depend on the vehicle.
 
     The only parameter of the context is `parameters`.
 

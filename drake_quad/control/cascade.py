@@ -1,4 +1,4 @@
-"""Diagram of the cascade: position control, an optional network, thrust vectoring and attitude control.
+"""Diagram of the cascade: position control, an optional fuzzy network, thrust vectoring and attitude control.
 
 With an autopilot on board, the cascade contains no attitude control.
 """
@@ -20,7 +20,7 @@ POSITION_SIGNALS = (
 
 # Inputs of the cascade in addition to the reference, for each type of feed-forward.
 _FEED_FORWARD_PORTS = {"jerk": ("reference_jerk",), "snap": ("reference_jerk", "reference_snap")}
-# Signals that form `attitude_target`, in the order of its rows.
+# Signals that form `attitude_target`, in the order of its components.
 _ATTITUDE_TARGET_PARTS = ("thrust", "attitude_command", "body_rate_command")
 
 
@@ -99,7 +99,7 @@ def connect_inner_loop(builder: DiagramBuilder, commanded: Mapping[str, Any], at
 
 
 def add_network(builder: DiagramBuilder, controller: Any, network: Any) -> None:
-    """Add a network, connect its inputs to the outputs of a controller, and its correction to the controller.
+    """Add a network and connect it to a controller, whose outputs it observes and whose command it corrects.
 
     Args:
         builder: builder that contains the controller and has the input `measurement`.

@@ -73,8 +73,8 @@ def geometric_law(
         -k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, measured_rates, target_rates, strict=True)
     ]
     if transports:
-        # The commanded rates are constant along the commanded axes. Since the body rotates relative to these axes, they
-        # change along the axes of the body.
+        # The commanded rates are constant in the commanded frame. Their components along the body axes change, because
+        # the body rotates relative to the commanded frame.
         transport = cross(measured_rates, target_rates)
         total = [value - term for value, term in zip(total, transport, strict=True)]
     total = [value + w_dot for value, w_dot in zip(total, target_acceleration, strict=True)]
@@ -95,7 +95,7 @@ def integrating_law(
 ) -> Torque:
     """Return the torque of an `IntegratingAttitudeController`: `geometric_law` minus I times the integral.
 
-    If the period (s) is not zero, the integral includes the error of this tick.
+    If the period (s) is positive, the error of this tick is first added to the integral, as by `integrated_rotation`.
     """
     if period > 0.0:
         integral = integrated_rotation(integral, measurement, attitude, parameters, period)

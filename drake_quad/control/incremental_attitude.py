@@ -107,8 +107,8 @@ class IncrementalAttitudeController(FleetSystem):
     Smeur, Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for attitude control of
     micro air vehicles", JGCD 39, 2016.
 
-    The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
-    `commands_in_transit`, the commands in the delay line. The only parameter of the context is `parameters`.
+    The states are `memory` (memory of the law), `following` (modelled response) and, if there is a delay,
+    `commands_in_transit` (commands in the delay line). The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -87,7 +87,7 @@ class ProportionalDerivative(FleetSystem):
         output_ports:
         - error_and_command
 
-    The output packs the signals of `PdOutput`. The only parameter of the context is `gains`.
+    The output contains all signals of `PdOutput`. The only parameter of the context is `gains`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -127,8 +127,8 @@ def build_position_controller(
 
     `error` is e = p_r - p in W. `error_rate` is ė = v_r - v with the derivative of the tracking error, and ė = -v with
     the derivative of the measurement. The input `correction`, for a network, exists if `takes_correction` is True. The
-    output `correction` is the sum of the integral and the input `correction`; it does not exist if there is an input
-    but no integral. If there is an estimator, its `disturbance` is also subtracted, and is an output.
+    output `correction` is the sum of the integral and the input `correction`. With this input and without an integral,
+    there is no output `correction`. If there is an estimator, its `disturbance` is also subtracted, and is an output.
 
     Any system with the first two inputs and the first output can replace this diagram.
 

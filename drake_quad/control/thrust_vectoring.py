@@ -174,8 +174,8 @@ class ThrustVectoring(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    Eq (7) is written for zero yaw, so `acceleration_command` is rotated by minus the measured yaw. The output packs the
-    signals of `VectoringOutput`. Body rates and angular accelerations are computed from `reference_jerk`,
+    Eq (7) is written for zero yaw, so `acceleration_command` is rotated by minus the measured yaw. The output contains
+    all signals of `VectoringOutput`. Body rates and angular accelerations are computed from `reference_jerk`,
     `reference_snap`, and the yaw and yaw rate in `reference`, by differential flatness
     (`drake_quad.geometry.flatness`). If `reference_jerk` is not connected, the thrust vector is assumed to be constant.
     If `reference_snap` is not connected, the angular accelerations are zero.

@@ -35,7 +35,7 @@ _LOOP_SIGNALS = {
 }
 _ANGLES = ("roll", "pitch", "yaw")
 _POSITION_AXES = ("x", "y", "z")
-# Angle that accelerates the vehicle along each axis, and the sign of the acceleration, eq (7).
+# Tilt angle that accelerates the vehicle along each axis, and the sign of this acceleration; see eq (7) of the paper.
 _TILT_OF_AXIS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
@@ -45,7 +45,8 @@ class LoopOptions(NamedTuple):
     Attributes:
         family: family of gains that the design searches.
         requirements: margins that the loop must have.
-        effort: effort that determines the gains; None for the largest effort that meets the requirements.
+        effort: parameter of the family that determines the gains, such as the bandwidth of a pole pair; None for the
+            largest effort that meets the requirements.
     """
 
     family: GainFamily
@@ -163,7 +164,9 @@ def hover_offset(scenario: Scenario) -> float:
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:
-    """Return options for the fastest pole pairs whose margins are 45°, 6 dB and, in attitude loops, two ticks of delay.
+    """Return options for the fastest pole pairs with the default margins.
+
+    The phase margin is 45° and the gain margin 6 dB. In attitude loops, the delay margin is two ticks.
 
     Args:
         period: control period, s.

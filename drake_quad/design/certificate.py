@@ -1,14 +1,14 @@
 """Certificate of stability in hover for all random parameters of a scenario at once.
 
 The ranges of all distributions are multiplied by a scale about their centres, and every combination of values within
-them is a possible loop, see `drake_quad.design.uncertain_hover`. A certificate encloses the scale at which the first of
-these loops becomes unstable. The upper bound is an unstable exact loop. The lower bound follows from the structured
-singular value of linear fractional models of the loop.
+the scaled ranges results in a loop (see `drake_quad.design.uncertain_hover`). A certificate encloses the scale at which
+the first of these loops becomes unstable. The upper bound is the scale of a loop that is unstable in its exact model.
+The lower bound follows from the structured singular value of linear fractional models of the loop.
 
 For real parameters, the structured singular value of the whole box can be far from the exact scale, and a model of the
-whole box can be poor. Therefore a box that is not proved is divided into two cells along the parameter with the largest
-effect, and each cell has its own model (branch and bound; M. Newlin and P. Young, "Mixed μ problems and branch and
-bound techniques", 1997).
+whole box can be poor. Therefore a box that is not proved to be stable is divided into two cells along the parameter
+with the largest effect, and each cell has its own model (branch and bound; M. Newlin and P. Young, "Mixed μ problems
+and branch and bound techniques", 1997).
 """
 
 import heapq
@@ -36,20 +36,24 @@ from drake_quad.scenario.models import Scenario
 
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
-_GOAL = 0.95  # ratio of both bounds at which the division into cells ends
-# Size of the first box of the bound, relative to the smallest scale of a failure. Larger boxes need more cells.
+_TARGET_BOUND_RATIO = 0.95  # ratio of lower to upper bound at which the division into cells ends
+# Scale of the first box that is tested for stability, relative to the smallest scale at which a loop is unstable.
+# Larger boxes need more cells.
 _FIRST_BOX_RATIO = 0.96
 _MAX_CELLS = 150  # largest number of cells
-_MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
-_NUM_CELLS_AT_ONCE = 16  # cells that are divided at the same time
-_MAX_CORNERS = 64  # largest number of corners of the box in a search
-_NUM_CANDIDATES = 48  # loops of a round of the search
-_NUM_ROUNDS = 4  # rounds of the search around the most unstable loop
+# If the bound on the structured singular value of a cell is larger, the cell is divided, and the bound is not computed
+# exactly. This does not apply to a box around the centre.
+_MAX_BOUND = 1.02
+_NUM_CELLS_AT_ONCE = 16  # number of cells that are divided at the same time
+_MAX_CORNERS = 64  # largest number of corners of the box at which the search begins
+_NUM_CANDIDATES = 48  # number of loops in each round of the search
+_NUM_ROUNDS = 4  # number of rounds of the search around the most unstable loop
 _NUM_BISECTIONS = 7
-_MIN_SCALE = 1e-3  # smallest scale of the search
-_SHORTER = 0.97  # scale of a round, relative to the smallest scale of a failure so far
-_GROWTH_FACTORS = (1.0, 1.1, 1.2, 1.3, 1.5, 2.0)  # scales at which growth is computed, relative to the unstable scale
-_MAX_GROWTH_TIME = 10.0  # s, longest growth time that is obvious in a flight of a minute
+_MIN_SCALE = 1e-3  # smallest scale at which the search looks for unstable loops
+_SCALE_REDUCTION = 0.97  # scale of a round, relative to the smallest scale so far at which a loop is unstable
+# Scales at which the growth is computed, relative to the scale of the unstable loop.
+_GROWTH_FACTORS = (1.0, 1.1, 1.2, 1.3, 1.5, 2.0)
+_MAX_GROWTH_TIME = 10.0  # s, longest growth time with which instability is visible in a flight of a minute
 
 
 class Growth(NamedTuple):
@@ -77,8 +81,8 @@ class Certificate:
         ranges: parameters with a range that act on the loop.
         choices: parameters with discrete values.
         left_out: paths of distributions that do not act on hover in still air.
-        num_loops: number of exact loops.
-        num_cells: number of cells with a model.
+        num_loops: number of loops whose exact model was computed.
+        num_cells: number of cells for which a linear fractional model was fitted.
     """
 
     stable_scale: float
@@ -149,8 +153,8 @@ def certify_hover(
 def _search(hover: UncertainHover) -> None:
     """Search for the smallest scale at which a loop is unstable or has no equilibrium.
 
-    The search begins at the corners of the box. Random changes of the direction of the first failing corner, which may
-    lead to the inside of the box, then refine it.
+    The search begins at the corners of the box, each of which is a direction from the centre. The search then changes
+    the direction of the first failing corner at random; the new directions may lead to the inside of the box.
     """
     k = len(hover.ranges)
     all_corners = 2**k <= _MAX_CORNERS
@@ -173,9 +177,9 @@ def _search(hover: UncertainHover) -> None:
     for _ in range(_NUM_ROUNDS):
         changed = direction + spread * hover.generator.standard_normal((_NUM_CANDIDATES, k))
         changed, same = np.clip(changed, -1.0, 1.0), np.full(_NUM_CANDIDATES, combination)
-        fails = _fails(hover, _SHORTER * scale * changed, same)
+        fails = _fails(hover, _SCALE_REDUCTION * scale * changed, same)
         if fails.any():
-            direction, _, scale = _bisect(hover, changed[fails], same[fails], 0.8 * scale, _SHORTER * scale)
+            direction, _, scale = _bisect(hover, changed[fails], same[fails], 0.8 * scale, _SCALE_REDUCTION * scale)
         else:
             spread *= 0.5
 
@@ -193,10 +197,10 @@ def _bisect(
 
     Args:
         hover: loops.
-        directions: (K, k) directions.
+        directions: (K, k) directions from the centre of the ranges, in scaled parameters.
         combinations: (K,) combinations of choices.
-        stable: scale at which all directions are taken to be stable.
-        failing: scale at which all of them fail.
+        stable: scale at which the loops in all directions are assumed to be stable.
+        failing: scale at which the loops in all directions fail.
     """
     for _ in range(_NUM_BISECTIONS):
         middle = 0.5 * (stable + failing)
@@ -266,7 +270,7 @@ def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
                 heapq.heappush(unproved, (max(parent, scale), next(numbers), axis, cell))
         num_cells += len(new)
         new, parents = [], []
-        goal = _GOAL * min(hover.reach, MAX_SCALE)
+        goal = _TARGET_BOUND_RATIO * min(hover.reach, MAX_SCALE)
         while unproved and unproved[0][0] < goal and len(new) < 2 * _NUM_CELLS_AT_ONCE and num_cells < _MAX_CELLS:
             scale, _, axis, cell = heapq.heappop(unproved)
             new += cell.halves(axis)

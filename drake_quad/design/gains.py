@@ -1,4 +1,4 @@
-"""Design of PD gains on the linear model of the laboratory, including its delays, holds, lags and filters.
+"""Design of PD gains on the linear model of the laboratory, including its delays, zero-order holds, lags and filters.
 
 The attitude loops are designed first, each for the plant from a commanded angular acceleration to the measured angle
 and rate. The position loops around them are designed next: a commanded acceleration a along x demands the pitch a / g,
@@ -36,10 +36,10 @@ _NUM_BISECTIONS = 12
 # Largest corner frequency k_I / k_P of an integral, relative to the crossover frequency of its PD. Common PID rules use
 # a reset time of 4 / crossover.
 _MAX_INTEGRAL_RATIO = 0.25
-# Bandwidths whose gains may be the start of a search for a regulator, rad/s. The first stable gains are used.
+# Bandwidths of the pole pairs with which the search for a regulator may start, rad/s. The first stable one is used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
-# A loop counts as unstable if the power of its closed-loop matrix over 2²⁹ ticks is not below `_NEGLIGIBLE_POWER`. The
-# magnitude of its slowest pole is then above 1 - 1e-7.
+# A loop counts as unstable if an entry of its closed-loop matrix to the power of 2²⁹ is not below `_NEGLIGIBLE_POWER`.
+# The magnitude of its slowest pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
 _NEGLIGIBLE_POWER = 1e-12
 _DIVERGED_POWER = 1e50
@@ -269,7 +269,8 @@ def design_loop(
         family: family of gains that the design searches.
         requirements: margins that the loop must have.
         axis: name of the axis, for error messages.
-        effort: effort that determines the gains; None for the largest effort that meets the requirements.
+        effort: parameter of the family that determines the gains; None for the largest effort that meets the
+            requirements.
 
     Raises:
         InputError: if the requirements cannot be met.

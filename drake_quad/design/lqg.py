@@ -76,7 +76,7 @@ class LqgLimits(NamedTuple):
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)| at the command link, for the loop with the nominal plant.
         delay: smallest delay margin at the command link, s.
-        snap: largest RMS of the command along x and y with torques over the link, m/s⁴; see `snap_limit`.
+        snap: largest RMS of the command along x and y if torques are sent over the link, m/s⁴; see `snap_limit`.
         acceleration: largest RMS of the command along z, and with an autopilot along x and y, m/s².
     """
 
@@ -386,8 +386,8 @@ class _LiftedLoops:
         A: (k, n, n) system matrices of the closed loops.
         Q: (k, n, n) covariances of the noise over a tick.
         command: (k, n) matrix rows that compute the sent command from the state.
-        change: (k, n) matrix rows that compute the change of the sent command.
-        lost: (k, n, 1) effect on the next state of an addition to the sent command.
+        change: (k, n) matrix rows that compute the change of the sent command since the last tick.
+        lost: (k, n, 1) effect on the next state if the vehicle receives 1 more than the sent command.
         opened: (k, n, n) system matrices of the open loops from the command on the link to minus the sent command.
         loss_rates: (k,) fractions of the commands that are lost.
     """

@@ -28,8 +28,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# Metrics below this value, in SI units, are rounding errors around zero. Metrics are magnitudes, so they have a kink at
-# zero.
+# Metrics of a smaller magnitude, in SI units, are rounding errors around zero. Most metrics cannot be negative, so they
+# have a kink at zero.
 _MIN_METRIC = 1e-12
 # Fields that the simulation compares with a random number or with the time. Metrics are not differentiable with respect
 # to these fields.
@@ -160,7 +160,7 @@ def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> li
 
 
 def _gradient(value: Any, size: int) -> np.ndarray:
-    if value.value() < _MIN_METRIC:
+    if abs(value.value()) < _MIN_METRIC:
         return np.full(size, np.nan)
     gradient = ExtractGradient(np.array([value]))
     return gradient[0] if gradient.shape[1] else np.zeros(size)

@@ -29,7 +29,7 @@ from drake_quad.scenario.paths import map_leaves
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-_ELITE_FRACTION = 0.25  # fraction of the points, the best ones, that determine the next distribution
+_ELITE_FRACTION = 0.25  # fraction of the points with the smallest cost, which determine the next distribution
 _DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
 _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
@@ -38,12 +38,12 @@ _PENALTY = 4.0
 # Assumed prediction error of a ratio from `margin_ratios` in the first round: error of its logarithm per distance
 # from the nearest evaluated point, where the width of the box is 1.
 _INITIAL_UNCERTAINTY = 0.5
-# Reserve that is kept to a limit, as the logarithm of the ratio, because predictions are not exact.
+# Distance that the search keeps from a limit, as the logarithm of the ratio, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
 # Initial step of each local search, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
 # Ratios from `margin_ratios` are clipped to this range before they are interpolated.
-_FRACTION_RANGE = (0.2, 1.5)
+_MARGIN_RATIO_RANGE = (0.2, 1.5)
 
 
 class TuningParameter(NamedTuple):
@@ -292,11 +292,11 @@ class _Trial:
         self.min_deviation = _MIN_DEVIATION / self._width
 
     def values(self, point: np.ndarray) -> tuple[float, ...]:
-        """Return the parameter values that a point in the box stands for."""
+        """Return the parameter values at a point in the box."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point in the box that stands for given parameter values."""
+        """Return the point in the box at which the parameters have given values."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
@@ -429,7 +429,7 @@ def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
     The single ratio of an unstable loop is repeated. Far from the limits, the ratios are discontinuous, and the search
     does not need their exact values.
     """
-    return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
+    return np.log(np.clip(np.broadcast_to(fractions, count), *_MARGIN_RATIO_RANGE))
 
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:

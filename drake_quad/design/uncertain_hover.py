@@ -5,7 +5,7 @@ ranges are multiplied by a scale about their centres. Scaled parameters z are -1
 that the scale of a combination of parameters is the largest |z|.
 
 The vehicle hovers in still air, and parameters that would tilt it, such as wind and an offset of the centre of mass,
-are at their medians or zero as in `symmetric_hover`.
+have their medians or are zero; see `symmetric_hover`.
 """
 
 import math
@@ -33,9 +33,11 @@ MIN_DECAY = 1e-6
 _SIGMA = 3.0  # range of a normal distribution without limits, in standard deviations
 _MIN_FRACTION = 0.1  # smallest value of a positive quantity, relative to the centre of its range
 _MAX_CHOICES = 32  # largest number of combinations of discrete values
-_MAX_LOOPS = 512  # loops that are computed at the same time
-_NUM_PROBES = 6  # random combinations at which the effect of each parameter is computed
-_MIN_EFFECT = 1e-6  # smallest change of a loop by a parameter that acts on it, relative to the row of the matrix
+_MAX_LOOPS = 512  # number of loops that are computed at the same time
+_NUM_PROBES = 6  # number of random combinations at which the effect of each parameter is computed
+# A parameter acts on the loop if it changes an entry of the system matrix by more than this fraction of the largest
+# entry in the same row.
+_MIN_EFFECT = 1e-6
 _MIN_COUPLING = 1e-7  # smallest entry of a system matrix, relative to the largest one of its row
 _EXPONENTS = (1.0, 0.0, -0.5, -1.0)  # powers of a value on which a loop may depend linearly; 0 for the logarithm
 
@@ -66,7 +68,7 @@ class Range(NamedTuple):
         return np.maximum(values, min(self.low, _MIN_FRACTION * centre)) if self.low >= 0.0 else values
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
-        """Return the z of values."""
+        """Return the scaled parameters z that correspond to values."""
         if self.is_logarithmic:
             return np.asarray(2.0 * np.log(values / math.sqrt(self.low * self.high)) / math.log(self.high / self.low))
         return (2.0 * values - self.low - self.high) / (self.high - self.low)
@@ -181,8 +183,8 @@ class UncertainHover:
     def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
         """Return the spectral radii (K,) of the loops at scaled parameters (K, k); NaN without an equilibrium.
 
-        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. Loops that are
-        unstable or have no equilibrium are remembered.
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. The loop with
+        the smallest scale that is unstable or has no equilibrium is stored.
         """
         values = self._with_rigid_bodies(z)
         loops = self._loops(values, combinations, step)
@@ -205,20 +207,20 @@ class UncertainHover:
         return np.hstack([self._with_rigid_bodies(z), self.combinations[combinations]])
 
     def scaled(self, values: dict[str, float]) -> tuple[np.ndarray, int]:
-        """Return the scaled parameters (k,) and the index of the combination of choices of values by path."""
+        """Return the scaled parameters (k,) and the index of the combination of choices, for given values by path."""
         z = np.array([each.scaled(np.array(values[each.path])) for each in self.ranges])
         chosen = np.array([values[each.path] for each in self.choices])
         return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
     def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return each of the parameters (K, k) with each combination of choices."""
+        """Return all pairs of scaled parameters (K, k) and a combination of choices, which is given by its index."""
         count = len(self.combinations)
         return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
 
     def straighten(self, size: float) -> None:
-        """Choose the power of each value on which the loops of the scaled box depend most linearly.
+        """Choose, for each value, the power on which the loops depend most linearly within a scale of `size`.
 
-        `cells` and `shrunk` then interpolate between the ends of a cell in these powers.
+        `loops_in` and `shrunk` then interpolate between the ends of a cell in these powers.
         """
         k, steps = len(self.ranges), np.array([0.0, *STEPS])
         z = np.zeros((k, len(steps), k))
@@ -240,7 +242,7 @@ class UncertainHover:
             self._exponents[i] = allowed[int(np.argmin(errors))]
 
     def loops_in(self, cells: list[tuple[Part, np.ndarray, np.ndarray]], points: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and remember failures.
+        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and store loops that fail.
 
         Args:
             cells: part, and lower and upper ends (k,) of the scaled parameters that act on it.
@@ -270,7 +272,7 @@ class UncertainHover:
         return parts
 
     def shrunk(self, part: Part, low: np.ndarray, high: np.ndarray, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the ends of the middle of a cell, with a fraction of its size."""
+        """Return the lower and upper ends of a smaller cell in the middle of a cell, with a fraction of its size."""
         ends = np.array([[-fraction], [fraction]]) * np.ones(len(part.ranges))
         inner_low, inner_high = self._from_cell(part, low, high, ends)
         return inner_low, inner_high
@@ -305,7 +307,8 @@ class UncertainHover:
         If states are given, the matrices contain only their rows and columns.
         """
         rows = np.hstack([values, self.combinations[combinations]])
-        # The delay lines of a fleet are as long as its longest delay, so each fleet contains the largest choices.
+        # The delay lines of a fleet are as long as its longest delay. Each fleet contains a loop with the largest
+        # choices, so that all system matrices have the same size.
         longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
@@ -315,14 +318,14 @@ class UncertainHover:
         return np.concatenate(loops)
 
     def _with_rigid_bodies(self, z: np.ndarray) -> np.ndarray:
-        """Return the values (K, k) of the parameters with a range, with moments of inertia of rigid bodies."""
+        """Return the values (K, k) of the parameters with a range, with moments of inertia that are possible."""
         values = self._values(z)
         columns = {each.field: i for i, each in enumerate(self.ranges)}
         moments = [f"vehicle.inertia.{axis}" for axis in range(3)]
         used = [moment for moment in moments if moment in columns]
         if not used:
             return values
-        # Each combination stays in the box of its own scale.
+        # The corrected moments of a combination do not exceed the scale of this combination.
         sizes = np.abs(z).max(axis=1, keepdims=True) * np.ones_like(z)
         ends = (self._values(-sizes), self._values(sizes))
         fixed = dict(zip(moments, self._fleet.resting.vehicle.inertia, strict=True))
@@ -340,14 +343,14 @@ class UncertainHover:
             raise InputError(f"the loop of {name} has no equilibrium near hover at the centre of the ranges")
         if (np.abs(spectral_radii(loops) - 1.0) <= MIN_DECAY).any():
             raise InputError(
-                f"the loop of {name} has poles at 1 in hover, as the weights of a network that learns, so it is not"
-                " asymptotically stable and cannot be certified"
+                f"the loop of {name} has poles at 1 in hover, for example those of a learning network's weights, so it"
+                " is not asymptotically stable and cannot be certified"
             )
 
     def _probes(self) -> np.ndarray:
         """Return the loops (probes, combinations, 1 + k, n, n) at random points, and with each parameter changed there.
 
-        A loop without an equilibrium is replaced by that at the centre.
+        A loop without an equilibrium is replaced by the loop at the centre.
         """
         k, count = len(self.ranges), len(self.combinations)
         old, new = self.generator.uniform(-1.0, 1.0, (2, _NUM_PROBES, k))
@@ -361,7 +364,7 @@ class UncertainHover:
         return loops.reshape(_NUM_PROBES, 1 + k, *loops.shape[1:]).transpose(0, 2, 1, 3, 4)
 
     def _leave_out(self, inactive: np.ndarray) -> None:
-        """Leave out the ranges (k,) that have no effect on any loop, such as that of a quadratic drag at rest."""
+        """Leave out the ranges (k,) that have no effect on any loop, such as the range of a quadratic drag at rest."""
         if inactive.all():
             raise InputError("no random parameter acts on the loop in hover, so there is nothing to certify")
         removed = [each for each, left_out in zip(self.ranges, inactive, strict=True) if left_out]

@@ -1,4 +1,4 @@
-"""Claims about the evaluated controllers, with verdicts that follow from the intervals of paired comparisons."""
+"""Claims about the evaluated controllers, with verdicts from the confidence intervals of paired comparisons."""
 
 import itertools
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from drake_quad.studies.statistics import Comparison, compare, values_without_cr
 
 
 class _ControllerNames(dict[str, str]):
-    """Names of controllers in the report, by their names in files. A user's controller has the same name in both."""
+    """Name of each controller in the report, by its name in files. A user's controller has the same name in both."""
 
     def __missing__(self, name: str) -> str:
         return name
@@ -55,7 +55,8 @@ def all_claims(evaluation: Evaluation) -> list[Claim]:
             evaluation,
             "pd_t2fnn_map",
             "pd_t2fnn",
-            "with the PD, a type-2 network over the position has a smaller error than one over the tracking error",
+            "with the PD, a type-2 network with the position as input has a smaller error than one with the tracking"
+            " error",
         ),
     ]
     laps = [judge_learning_in_laps(evaluation, name) for name in POSITION_NETWORK_BASES]
@@ -66,7 +67,7 @@ def comparisons_by_laboratory(evaluation: Evaluation, controller: str, other: st
     """Compare two controllers on the same samples in each laboratory in which both were flown.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         controller: name of the controller.
         other: name of the controller to compare with.
 
@@ -83,21 +84,21 @@ def comparisons_by_laboratory(evaluation: Evaluation, controller: str, other: st
 
 
 def compare_common_samples(metrics: Metrics, baseline: Metrics) -> Comparison:
-    """Compare two controllers on their common samples, which are the first samples of each."""
+    """Compare two controllers on the samples that both have flown, which are the first samples of each."""
     count = min(len(metrics.rmse), len(baseline.rmse))
     return compare(metrics.take(slice(count)), baseline.take(slice(count)))
 
 
 def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | None:
     """Judge the claim that adding a network to a controller reduces the error; None if there are no flights."""
-    kind = " over the position" if network.endswith("map") else ""
+    kind = " with the position as input" if network.endswith("map") else ""
     statement = f"adding a type-2 network{kind} to {CONTROLLER_NAMES[base]} reduces the error"
     claim = judge_smaller_error(evaluation, network, base, statement)
     return claim and claim._replace(evidence=claim.evidence + _tolerated_delays_text(evaluation, network, base))
 
 
 def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> str:
-    """Return a text on how a network changes the tolerated delay in each family; empty if there are no flights."""
+    """Return a text on how a network changes the tolerated delay in each family, if there are flights."""
     both = {name: traits for name, traits in evaluation.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_text(traits[base].delay_flown)} to {delay_text(traits[network].delay_flown)} ({name})"
@@ -110,7 +111,7 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
     """Judge the claim that a controller has a smaller error than another controller and does not crash more often.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         controller: name of the controller.
         other: name of the controller to compare with.
         statement: text of the claim.
@@ -138,10 +139,10 @@ def _is_error_smaller(compared: Comparison) -> bool | None:
 
 
 def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
-    """Judge the claim that a network over the position learns a map that reduces the error in later laps.
+    """Judge the claim that a network with the position as input learns, over several laps, to reduce the error.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         base: name of the controller without the network.
 
     Returns:
@@ -157,8 +158,8 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
         compare_common_samples(last[network], last[base]),
     )
     return Claim(
-        f"over several laps in {LAPS_LABORATORY}, a network over the position that is added to {CONTROLLER_NAMES[base]}"
-        " learns a map that reduces the error",
+        f"over several laps in {LAPS_LABORATORY}, a network with the position as input that is added to"
+        f" {CONTROLLER_NAMES[base]} learns to reduce the error",
         f"in lap {counts[-1]} its RMSE is smaller by {reduction(learned.ratio).percent()} than in lap {counts[0]}, and"
         f" by {reduction(gained.ratio).percent()} than without the network in the same lap"
         f"{_crash_text({'compared with the first lap': learned, 'compared with no network': gained})}",
@@ -177,7 +178,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 
 
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
-    """Judge the claim that a smaller stability margin reduces the error; None if no such designs were flown."""
+    """Judge the claim that a smaller stability margin reduces the error; None if no controller has several designs."""
     parts, conditions = [], []
     for controller in PRICED_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)
@@ -248,7 +249,7 @@ def delay_text(delay: float) -> str:
 
 
 def proportions_text(fractions: Mapping[str, Interval]) -> str:
-    """Return fractions, by laboratory, as text."""
+    """Return, as text, a fraction for each laboratory."""
     return "; ".join(f"{each.percent()} ({laboratory})" for laboratory, each in fractions.items())
 
 

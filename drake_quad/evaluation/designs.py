@@ -1,4 +1,7 @@
-"""Files of designed controllers, one for each family of laboratories. Scenarios use them by `extends: FILE:NAME`."""
+"""Files of designed controllers, one for each family of laboratories (test scenarios).
+
+Scenarios use them by `extends: FILE:NAME`.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,7 +40,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[
     Args:
         path: path of the YAML file with the designs of a family.
         designs: fields of each design, by its name.
-        comments: comment for the line with the name of each design, by name.
+        comments: YAML comment after the name of each design, by name.
         header: new comment at the top of the file; if empty, the existing comment is kept.
     """
     tree = read_designs(path)
@@ -62,7 +65,7 @@ def _yaml() -> Any:
 
 
 def _in_flow_style(value: Any) -> Any:
-    """Return a copy of a tree for YAML, with lists, and flat mappings without a `kind`, in one-line style."""
+    """Return a copy of a tree in which lists, and flat mappings without a `kind`, are written to YAML on one line."""
     if isinstance(value, list):
         sequence = CommentedSeq(value)
         sequence.fa.set_flow_style()

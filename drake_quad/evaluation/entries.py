@@ -38,7 +38,7 @@ class ControllerEntry(NamedTuple):
     uncompiled: bool = False
 
     def tree(self, numbers: Iterable[float]) -> Tree:
-        """Return the controller as part of a scenario."""
+        """Return the scenario fields of the controller, as nested mappings."""
         tree = {"control": deepcopy(self.control)}
         for parameter, number in zip(self.parameters, numbers, strict=True):
             for path in parameter.paths:
@@ -65,7 +65,7 @@ NETWORKS = {
     "t2fnn_adaptive": "type 2, adaptive sets",
     "t2fnn_map": "type 2 over the position",
 }
-# Controllers to which a type-2 network is added. All kinds of networks are added to the PD.
+# Controllers to which a type-2 network is added, except the PD controller, to which all kinds of networks are added.
 NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 # Controllers to which a network with the position as input is added.
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
@@ -195,7 +195,7 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# Inputs of the networks: the tracking errors, as in the paper, or the position. The sets over the figure eight are from
+# Inputs of the networks: the tracking errors (as in the paper) or the position. The sets for the figure eight are from
 # docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}
@@ -213,6 +213,7 @@ _POSITION_INPUTS_ON_BOARD: Tree = _NO_ERROR_INPUTS | {
 # output of the feedback controller.
 _COVARIANCE_LAW: Tree = {"kind": "covariance", "signal": "surface"}
 _GRADIENT_LAW: Tree = {"kind": "gradient", "signal": "feedback"}
+# Ranges of the tuned parameters of each learning law, and of the scales of the error inputs.
 _LEARNING_RANGES = {
     "covariance": {"slope": (0.2, 20.0), "gain": (0.01, 10.0), "initial_covariance": (0.1, 100.0)},
     "gradient": {"rate": (0.01, 10.0), "leakage": (0.001, 1.0)},

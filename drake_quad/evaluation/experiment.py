@@ -1,4 +1,4 @@
-"""Flights of the evaluation, in which designed controllers fly samples that were not used for tuning."""
+"""Flights of the evaluation, in which designed controllers fly random samples that were not used for tuning."""
 
 import itertools
 import math
@@ -62,7 +62,7 @@ class EvaluationSizes(NamedTuple):
     """Sizes of the evaluation.
 
     Attributes:
-        samples: number of samples of each controller in each laboratory.
+        samples: number of random samples that each controller flies in each laboratory.
         uncompiled: number of samples of a controller that cannot be compiled.
         laps: number of samples for each number of laps.
         max_laps: largest number of laps.
@@ -90,7 +90,7 @@ class EvaluationSizes(NamedTuple):
 QUICK = EvaluationSizes(
     samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0, certifies=False
 )
-# A result consists of laboratory, controller and metrics, or of family, controller and traits.
+# A result consists of laboratory, controller and metrics, or of family, controller and `Traits` (margins and times).
 Result = tuple[str, str, Metrics | Traits]
 
 
@@ -147,7 +147,7 @@ def _jobs(
     only: Sequence[str] | None,
     user_controllers: Sequence[UserController],
 ) -> Iterator[Job]:
-    """Yield the jobs of a family."""
+    """Yield the jobs of a family: the flights of each controller, flights of laps, and flights of `fly_priced`."""
     family, designs = FAMILIES[name], read_designs(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
     for entry in entries:
@@ -176,7 +176,7 @@ def fly_family(
         sizes: sizes of the evaluation.
 
     Yields:
-        The controller's metrics in each laboratory, and then its traits in the family.
+        The controller's metrics in each laboratory, and then its `Traits` in the family.
     """
     path, entry = design_file(diagrams, name), family.entries[controller]
     designed = UserController(controller, [f"{path}:{controller}"])
@@ -206,7 +206,7 @@ def fly_controller(
         uncompiled: True to fly fewer samples, in an uncompiled diagram.
 
     Yields:
-        The controller's metrics in each laboratory, and then its traits in the family.
+        The controller's metrics in each laboratory, and then its `Traits` in the family.
     """
 
     def scenario(laboratory: str, variant: UserController = controller, overrides: Sequence[str] = ()) -> Scenario:
@@ -246,7 +246,7 @@ def fly_controller(
 def fly_laps(
     diagrams: Path, name: str, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
 ) -> Iterator[Result]:
-    """Fly networks over the position, and their base controllers, with increasing numbers of laps.
+    """Fly networks with the position as input, and their base controllers, with increasing numbers of laps.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -346,7 +346,7 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
 
 
 def worst_margins(scenario: Scenario) -> tuple[float, float]:
-    """Return the peak sensitivity and the smallest delay margin, s, of the median plant; NaN without a linear model."""
+    """Return peak sensitivity and smallest delay margin, s, for median parameters; NaN without a linear model."""
     try:
         margins = [each for each in link_margins(median_scenario(scenario)).values() if each is not None]
     except InputError:
@@ -355,7 +355,7 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 class CertifiedScales(NamedTuple):
-    """Scales of a certificate, the last fields of `Traits`."""
+    """Result of a robustness certificate: scales of the parameter ranges, or why there is no certificate."""
 
     stable_scale: float
     unstable_scale: float
@@ -366,7 +366,7 @@ NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out i
 
 
 def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:
-    """Return the scales between which hover becomes unstable, or the reason why there is no certificate.
+    """Return the scales of the parameter ranges between which hover becomes unstable, or why there is no certificate.
 
     Certificates are cached on the disk, since each takes 20 to 80 s.
 

@@ -1,4 +1,7 @@
-"""Families of laboratories. A controller has one design per family, trained in some laboratories of the family."""
+"""Families of laboratories, the scenarios in which controllers are compared.
+
+A controller has one design per family, trained in some laboratories of the family.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

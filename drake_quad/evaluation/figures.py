@@ -190,6 +190,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
         return figure
 
 
+# Field of `Traits`, unit and axis label of each stability measure.
 _MEASURES: Any = (
     ("sensitivity", 1.0, "peak sensitivity"),
     ("delay_flown", 1e-3, "tolerated additional delay (ms)"),
@@ -203,7 +204,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 
 def laps_figure(evaluation: Evaluation, controllers: Sequence[str]) -> Figure:
-    """Plot the error in each lap, with and without a network over the position."""
+    """Plot the error in each lap, with and without a network that has the position as input."""
     with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):

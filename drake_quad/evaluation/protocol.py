@@ -41,7 +41,7 @@ class DesignResult(NamedTuple):
 def tunable_entries(
     family: LaboratoryFamily, path: Path, names: Sequence[str] | None = None
 ) -> dict[str, ControllerEntry]:
-    """Return the entries of a family that the protocol tunes, by name. Each network follows its base controller.
+    """Return the controller entries that the protocol tunes, by name. Each network follows its base controller.
 
     A network is omitted if its base controller is neither in the file nor among the chosen entries.
 
@@ -70,7 +70,7 @@ def design_family(
     *,
     budget: Budget = Budget(),
 ) -> Iterator[DesignResult]:
-    """Tune entries one after another, and write each design to the family's file when its tuning is done.
+    """Tune controller entries one after another, and write each design to the family's file when its tuning is done.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -113,8 +113,8 @@ def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
 def _scenarios_before_tuning(
     diagrams: Path, family: LaboratoryFamily, path: Path, name: str, entry: ControllerEntry
 ) -> list[Scenario]:
-    """Return the training scenarios of an entry, with each tuned parameter at the geometric mean of its range."""
-    # The scenarios are read from a copy of the file, since the entry may extend other designs in the file. The copy is
+    """Return the training scenarios of a controller, with each tuned parameter at the geometric mean of its range."""
+    # The scenarios are read from a copy of the file, since the controller may extend other designs in it. The copy is
     # in the same folder, since the paths in the file are relative to this folder.
     trial = path.with_name(f".tuning_{path.name}")
     try:
@@ -127,7 +127,7 @@ def _scenarios_before_tuning(
 
 
 def training_scenarios(diagrams: Path, family: LaboratoryFamily, layer: str, entry: ControllerEntry) -> list[Scenario]:
-    """Return the scenarios in which an entry of a family is trained.
+    """Return the scenarios in which a controller of a family is trained.
 
     Args:
         diagrams: folder of the shipped scenarios.

@@ -34,7 +34,8 @@ CAPTIONS = {
     " laboratory. Lines connect designs of the same controller with different limits.",
     "networks": "Reduction of the mean RMSE by a network, on the same samples, with 95 % intervals. Left of zero, the"
     " network increases the error.",
-    "laps": "RMSE in each lap in high wind, with 95 % intervals, with and without a network over the position.",
+    "laps": "RMSE in each lap in high wind, with 95 % intervals, with and without a network that has the position as"
+    " input.",
 }
 # Metrics whose means are columns of the summary, by the name of the column.
 _MEAN_COLUMNS = {
@@ -46,7 +47,7 @@ _MEAN_COLUMNS = {
 }
 
 
-# Fields of `Claim` by the headings of their columns, in the file answers.csv and then in the report.
+# Fields of `Claim` by the headings of their columns in the file answers.csv, and below in the report.
 _FILE_COLUMNS = {"statement": "statement", "verdict": "verdict", "evidence": "evidence", "rule": "rule"}
 _REPORT_COLUMNS = {"claim": "statement", "evidence": "evidence"}
 
@@ -66,7 +67,7 @@ def report_markdown(evaluation: Evaluation, claims: Sequence[Claim], figures: Se
     """Return the report as Markdown, with links to its figures in the adjacent folder `figures`.
 
     Args:
-        evaluation: flights and traits of all controllers.
+        evaluation: results of all controllers.
         claims: claims with their verdicts.
         figures: names of the figures that were written.
     """
@@ -98,7 +99,7 @@ def report_markdown(evaluation: Evaluation, claims: Sequence[Claim], figures: Se
 
 
 def write_summary(path: Path, evaluation: Evaluation) -> Path:
-    """Write a row for each controller in each laboratory, and return the path."""
+    """Write a CSV file with a row for each controller in each laboratory, and return its path."""
     rows: list[dict[str, Any]] = [
         {
             "family": family,
@@ -209,7 +210,7 @@ def _trait_texts(each: Traits) -> tuple[str, ...]:
 
 
 def _certificate_text(each: Traits) -> str:
-    """Return the certified scale and the smallest scale of an unstable loop, if one was found."""
+    """Return, as text, the certified scale and the smallest scale at which an unstable loop was found, if any."""
     if not np.isfinite(each.stable_scale):
         return "not certified"
     unstable = f" (unstable at {each.unstable_scale:.2f})" if np.isfinite(each.unstable_scale) else ""

@@ -68,7 +68,7 @@ class Evaluation:
 
 
 def laboratory_with_laps(count: int) -> str:
-    """Return the name of a laboratory with several laps. Metrics are computed over the last lap."""
+    """Return the name under which the results with a number of laps are stored. Metrics are those of the last lap."""
     return f"{LAPS_LABORATORY}, lap {count}"
 
 
@@ -114,7 +114,7 @@ def read_evaluation(folder: Path) -> Evaluation:
 
 
 def _traits_of(cells: Mapping[str, Any]) -> Traits:
-    """Return the traits of a row, in which an empty text is NaN."""
+    """Return the `Traits` in a row of the file; an empty cell becomes NaN."""
     numbers = {field: float(cell) for field, cell in cells.items() if field != "not_certified"}
     reason = cells["not_certified"]
     return Traits(**numbers, not_certified=str(reason) if isinstance(reason, str) else "")

@@ -30,8 +30,9 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
-# Port of the rotor commands that each kind of allocation computes.
+# Output ports with rotor commands. Each kind of control allocation has one of them.
 _ROTOR_COMMANDS = ("rotor_speed_command", "throttle_command")
+_DIGEST = "SHA-256 of the scenario:"  # text in the opening comment of exported files
 
 
 class Export(NamedTuple):
@@ -58,7 +59,7 @@ def export_controller(
 ) -> Export:
     """Write the controller of a scenario as C99, and return what was written.
 
-    The code contains everything between the inputs `measurement` and `reference` and the command over the link:
+    The code contains everything between the inputs `measurement` and `reference` and the command to the vehicle:
     `wrench` or `attitude_target`. It needs no library but `math.h`, no memory allocation and no global variables.
 
     The folder contains the header NAME.h and the source NAME.c, the description `export.json` with which
@@ -76,7 +77,8 @@ def export_controller(
             `drake_quad.export.projects.registered.PROJECTS`.
 
     Raises:
-        InputError: if the controller contains distributions or is not a formula, or the name is not an identifier.
+        InputError: if the controller contains distributions or systems without formulas, the name is not an identifier,
+            or the folder contains a C file of this name that was not exported.
     """
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}; it must be one of {join_names([*PRECISIONS])}")
@@ -113,6 +115,8 @@ def export_controller(
         exported = ExportedCode(description, header, source, code.structs, nominal_parameters(scenario), reference)
         project_texts = project_files(project, exported)
     folder = output_folder(output)
+    for suffix in (".h", ".c"):
+        _check_replaceable(folder / f"{name}{suffix}")
     files = [
         write_text(folder / f"{name}.h", header),
         write_text(folder / f"{name}.c", source),
@@ -124,6 +128,16 @@ def export_controller(
         output_folder(file.parent)
         files.append(write_text(file, text))
     return Export(files, description)
+
+
+def _check_replaceable(file: Path) -> None:
+    """Check that a file does not exist, or that it was written by an export.
+
+    Raises:
+        InputError: if somebody else wrote the file.
+    """
+    if file.is_file() and _DIGEST not in file.read_text(encoding="utf-8", errors="replace").partition("*/")[0]:
+        raise InputError(f"{file} was not exported by drake_quad; choose another name or folder, or delete it")
 
 
 def _diagram(scenario: Scenario, plan: Plan, *, mixer: bool) -> tuple[Diagram, list[str]]:
@@ -162,7 +176,7 @@ def _opening(description: ExportDescription) -> str:
     number = PRECISIONS[description.precision].num_bytes
     lines = [
         f"Controller of the scenario {description.scenario}, exported by drake_quad {description.version}.",
-        f"SHA-256 of the scenario: {description.scenario_sha256}",
+        f"{_DIGEST} {description.scenario_sha256}",
         "",
         f"Call {description.name}_init once, then {description.name}_step every {description.period:g} s.",
         f"A step takes at most {description.num_operations} arithmetic operations and calls of math.h. The state takes"

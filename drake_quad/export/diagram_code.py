@@ -21,7 +21,7 @@ from drake_quad.framework.wiring import subsystem
 
 HEADER_END = "#ifdef __cplusplus\n}\n#endif\n\n#endif\n"
 """Last lines of a header, after all declarations."""
-# C has no structs without members.
+# C does not allow structs without members.
 _NO_MEMBERS = (StructMember("char", "unused"),)
 
 
@@ -54,7 +54,7 @@ def diagram_code(
         precision: floating-point format.
 
     Raises:
-        InputError: if a system of the diagram is no formula, or if the periods do not match.
+        InputError: if a system of the diagram is not declared by formulas, or if the periods do not match.
     """
     structs, functions = Structs(name, precision.real), Functions(precision)
     step = Step(diagram, outputs, output_period, structs, functions)
@@ -119,7 +119,7 @@ def _header(name: str, step: Step, structs: Sequence[Struct]) -> str:
 
 
 def _origin(member: Member, diagram: Diagram) -> str:
-    """Return a comment on a parameter: the path of its system, and what the system is."""
+    """Return a comment on a parameter: the path and the description of its system."""
     return f"{member.path}: {summary(type(subsystem(diagram, member.path.split('.'))))}"
 
 

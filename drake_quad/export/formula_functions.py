@@ -1,4 +1,4 @@
-"""C functions for the computations of systems: one function for each formula, on pointers to structs."""
+"""C functions for the computations of systems: one function for each formula, with pointers to structs as arguments."""
 
 import functools
 from collections.abc import Collection, Sequence
@@ -13,7 +13,7 @@ from drake_quad.framework.records import ABSENT, ROW, Layout
 from drake_quad.framework.symbols import LEAVES, Listing, Symbol
 from drake_quad.framework.variable_names import collect_names
 
-_TIME_GROUP = -1  # stands for the time among groups of rows, which are numbered from 0
+_TIME_GROUP = -1  # index of the time; the other inputs of a formula (ports, parameters, states) are counted from 0
 
 
 class Argument(NamedTuple):
@@ -31,7 +31,7 @@ class Argument(NamedTuple):
 
 
 class FormulaFunction(NamedTuple):
-    """C function of a computation.
+    """C function that computes an output or an update of a system.
 
     Attributes:
         name: name of the function.
@@ -49,7 +49,7 @@ class FormulaFunctions:
 
     Args:
         structs: structs of the header, to which the types of arguments and results are added.
-        functions: static functions of the C file, to which elementary functions, branches and layers are added.
+        functions: static functions of the C file, to which those that formulas call are added, such as network layers.
         reserved: names that no function may have, because they are variables of the function that calls them.
 
     Attributes:
@@ -140,7 +140,7 @@ class FormulaFunctions:
         return FormulaFunction(name, tuple(kept), body.num_operations)
 
     def _name(self, formula: Any, label: str) -> str:
-        """Return the name of the C function of a formula: that of the Python function, if this name is free."""
+        """Return the name of the C function of a formula: the name of the Python function, unless it is used."""
         name = identifier(getattr(_unwrapped(formula), "__name__", "lambda").strip("_<>"))
         taken = {function.name for function in self._by_signature.values()}
         return f"compute_{label}" if name in self._reserved | taken else name
@@ -176,12 +176,12 @@ class FormulaFunctions:
 
 
 def _unwrapped(formula: Any) -> Any:
-    """Return the function of a partial function; other functions are returned unchanged."""
+    """Return the function that a `functools.partial` wraps; other functions are returned unchanged."""
     return _unwrapped(formula.func) if isinstance(formula, functools.partial) else formula
 
 
 def _used_groups(listing: Listing, results: Sequence[Any]) -> set[int]:
-    """Return the groups of rows on which results depend, including `_TIME_GROUP` if they depend on the time."""
+    """Return the indices of the inputs on which results depend, including `_TIME_GROUP` for the time."""
     required, used = set[int](), set[int]()
     stack = [result.line for result in results if isinstance(result, Symbol)]
     while stack:

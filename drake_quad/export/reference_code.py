@@ -8,7 +8,8 @@ from drake_quad.framework.c_code import Precision, constant_text, function_text,
 from drake_quad.reference.plan import REFERENCE_PORTS, Plan
 from drake_quad.reference.polynomial_path import subdivide
 
-# Rows of the reference that are derivatives of each order of X, Y, Z and yaw, in the order of the axes.
+# Names of the components of the reference ports: for each order of the derivative, those of X, Y, Z and yaw. An empty
+# name means that the port does not have the component.
 _ROWS: dict[str, list[tuple[str, ...]]] = {
     "reference": [("x", "y", "z", "yaw"), ("v_x", "v_y", "v_z", "yaw_rate"), ("a_x", "a_y", "a_z", "")],
     "reference_jerk": [(), (), (), ("x", "y", "z", "")],

@@ -2,6 +2,9 @@
 
 The statements call the functions of formulas in the order in which Drake would evaluate the diagram: first all outputs
 that are required at this instant, then all updates of the state, which read only values from before the updates.
+
+A row is one component of a port, parameter or state, as everywhere in drake_quad. A block describes the computations of
+a system for compilation.
 """
 
 import math
@@ -24,9 +27,9 @@ from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, P
 from drake_quad.framework.records import ROW, Layout, layout_of, rows_layout
 from drake_quad.signals import SIGNALS
 
-# Prefix of paths that names in C omit.
+# Prefix of system paths that is omitted in the names in C.
 _CONTROL = "control."
-# Name of the state of a system of Drake.
+# Name of the state of Drake's own systems, which have no name for it.
 _HELD_VALUE = "value"
 
 
@@ -36,7 +39,7 @@ class Member(NamedTuple):
     Attributes:
         path: path of the system.
         layout: layout of the state group or parameter.
-        value: initial value of each row.
+        value: initial value of each component.
     """
 
     path: str
@@ -59,7 +62,7 @@ class _Update(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """C expression of a row, which the blocks of Drake's systems add and scale.
+    """C expression of one component of a signal. Computations of Drake's own systems add and scale such expressions.
 
     Attributes:
         text: text of the expression.
@@ -79,18 +82,18 @@ class _Row(NamedTuple):
 
 
 class _BlockView(NamedTuple):
-    """View of a step for the block of one of Drake's systems, as `drake_quad.compilation.trace.BlockView`.
+    """Inputs, parameters and state of one of Drake's own systems, like `drake_quad.compilation.trace.BlockView`.
 
     Attributes:
         step: statements of the function.
-        path: path of the block.
+        path: path of the system.
     """
 
     step: "Step"
     path: str
 
     def required_input(self, index: int) -> list[_Row]:
-        """Return the rows at an input port."""
+        """Return the expressions of all components of an input port."""
         return self.step.as_rows(self.step.input_rows(self.path, index))
 
     def parameter(self, index: int) -> list[_Row]:
@@ -99,7 +102,7 @@ class _BlockView(NamedTuple):
         return self.step.as_rows([constant_text(value, self.step.precision) for value in values])
 
     def state(self, group: int) -> list[_Row]:
-        """Return the rows of the only state group."""
+        """Return the expressions of all components of the only state group."""
         return self.step.as_rows(self.step.held_rows(self.path))
 
     def source(self, output: int, element: int) -> Any:
@@ -129,7 +132,7 @@ class Step:
         num_operations: largest number of operations of a step.
 
     Raises:
-        InputError: if a system of the diagram is no formula, or if the periods do not match.
+        InputError: if a system of the diagram is not declared by formulas, or if the periods do not match.
     """
 
     def __init__(
@@ -188,7 +191,7 @@ class Step:
         return [*lines, "controller->step += 1;"]
 
     def _block(self, divisor: int) -> list[str]:
-        """Return the statements for each multiple of `divisor` steps; those for larger multiples are nested in them."""
+        """Return the statements that run every `divisor` steps, with nested blocks for those that run less often."""
         used = [1, *(each for each in sorted(self._statements) if each > 1 and self._statements[each])]
         lines = [*self._statements[divisor]]
         for inner in used[1:]:
@@ -221,10 +224,10 @@ class Step:
         return [(update, update.period) for update in self._blocks[path].updates if update.period is not None]
 
     def _divisor(self, label: str, period: float) -> int:
-        """Return the number of steps in a period (s).
+        """Return the number of steps in a period, which is in seconds.
 
         Raises:
-            InputError: if the period is not a multiple of a step.
+            InputError: if the period is not a multiple of the step.
         """
         steps = round(period / self.period)
         if abs(period / self.period - steps) > ROUNDING:
@@ -243,7 +246,7 @@ class Step:
         return self._sources(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
 
     def _require(self, port: Port, divisor: int) -> None:
-        """Require the value of an output port at every multiple of `divisor` steps."""
+        """Note that an output port, and all ports on which it depends, must be computed every `divisor` steps."""
         common = math.gcd(self._divisors.get(port, divisor), divisor)
         if self._divisors.get(port) != common:
             self._divisors[port] = common
@@ -253,7 +256,7 @@ class Step:
     # Values of ports
 
     def _rows(self, port: Port | ExportedPort) -> list[str]:
-        """Return the C expression of each row of a port, and append the statements that compute it."""
+        """Return the C expression of each component of a port, and append the statements that compute it."""
         if isinstance(port, ExportedPort):
             return self._struct_rows(f"inputs->{identifier(port.name)}", self._input_layouts[port])
         if port not in self._rows_of:
@@ -269,7 +272,7 @@ class Step:
         return self._rows_of[port]
 
     def input_rows(self, path: str, index: int) -> list[str]:
-        """Return the C expression of each row at an input port of a system.
+        """Return the C expression of each component of an input port of a system.
 
         Raises:
             InputError: if the port is not connected.
@@ -280,7 +283,7 @@ class Step:
         return self._rows(source)
 
     def _struct_rows(self, expression: str, layout: Layout) -> list[str]:
-        """Return the expressions of the rows of a struct, and remember the types of all structs in it."""
+        """Return the expressions of all numbers in a struct, and store the types of this and all nested structs."""
         self._remember(expression, layout)
         return [expression + accessor for accessor in accessors(layout)]
 
@@ -294,7 +297,7 @@ class Step:
         return self._struct_rows(f"controller->{_member(path, group.name)}", group.layout)
 
     def as_rows(self, texts: Sequence[str]) -> list[_Row]:
-        """Return rows with the given texts."""
+        """Wrap texts of expressions that contain no operations."""
         return [_Row(text, self.precision) for text in texts]
 
     def default_context(self, path: str) -> Any:
@@ -302,12 +305,12 @@ class Step:
         return self._leaves[path].GetMyContextFromRoot(self._context)
 
     def held_rows(self, path: str) -> list[str]:
-        """Return the rows of the state of a system of Drake, which has a single group."""
+        """Return the expressions of the state of one of Drake's own systems, which has a single state group."""
         layout = rows_layout(self.default_context(path).get_discrete_state(0).size())
         return self._struct_rows(f"controller->{_member(path, _HELD_VALUE)}", layout)
 
     def _rows_of_block(self, port: Port) -> list[str]:
-        """Return the rows of an output port of a system of Drake; computed rows are stored in a variable."""
+        """Return the expressions of an output port of one of Drake's own systems; computed values get a variable."""
         rows = self._blocks[port.path].output(port.number, _BlockView(self, port.path))  # type: ignore[arg-type]
         texts, num_operations = [row.text for row in rows], sum(row.num_operations for row in rows)
         if not num_operations:
@@ -319,7 +322,7 @@ class Step:
         return self._struct_rows(name, layout)
 
     def _call(self, port: Port, computation: Computation) -> list[str]:
-        """Append the call that computes an output port, and return its rows."""
+        """Append the call that computes an output port, and return the expressions of its components."""
         system = self._leaves[port.path]
         label = _member(port.path, system.get_output_port(port.number).get_name()) if len(system.outputs) > 1 else ""
         name = label or _system(port.path)
@@ -343,7 +346,7 @@ class Step:
         return self.formulas.function(path, label, computation, absent)
 
     def _arguments(self, path: str, divisor: int, function: FormulaFunction) -> list[str]:
-        """Return the C expressions of the arguments of a call by a system at every multiple of `divisor` steps."""
+        """Return the C expressions of the arguments of a function that a system calls every `divisor` steps."""
         texts = []
         for read, _, layout in function.arguments:
             match read:
@@ -361,7 +364,7 @@ class Step:
         return texts
 
     def _struct_of(self, path: str, divisor: int, rows: Sequence[str], layout: Layout) -> str:
-        """Return a struct with exactly these rows; rows of several structs are copied to a new one."""
+        """Return the expression of a struct with these components, which are copied to a new struct if necessary."""
         if struct := self._whole_struct(rows, layout):
             return struct
         name = f"{_system(path)}_input_{len(self._types)}"
@@ -371,7 +374,7 @@ class Step:
         return name
 
     def _whole_struct(self, rows: Sequence[str], layout: Layout) -> str:
-        """Return the expression of the struct whose rows these are, in order; empty if there is no such struct."""
+        """Return the expression of the struct that consists of these components; empty if there is no such struct."""
         suffixes = accessors(layout)
         base = rows[0].removesuffix(suffixes[0])
         return base if self._types.get(base) == layout and [*rows] == [base + each for each in suffixes] else ""
@@ -406,7 +409,7 @@ class Step:
         }
 
     def _variables(self) -> set[str]:
-        """Return the names of all arguments and variables of the function, which no function that it calls may have."""
+        """Return the names of all arguments and variables, so that called functions get other names."""
         outputs = {
             _member(path, system.get_output_port(i).get_name())
             for path, system in self._leaves.items()
@@ -439,14 +442,14 @@ class Step:
         return changed
 
     def _assignments(self, target: str, layout: Layout, rows: Sequence[str]) -> list[str]:
-        """Return the statements that assign rows to a struct; a whole struct is copied at once."""
+        """Return the statements that assign components to a struct; if they form a struct, it is copied at once."""
         if struct := self._whole_struct(rows, layout):
             return [f"{target} = {struct};"]
         return [f"{target}{accessor} = {row};" for accessor, row in zip(accessors(layout), rows, strict=True)]
 
 
 def _block(path: str, system: Any) -> Block:
-    """Return the block of a leaf system.
+    """Return the description of a leaf system's computations.
 
     Raises:
         InputError: if the system cannot be exported.
@@ -459,7 +462,7 @@ def _block(path: str, system: Any) -> Block:
         if update.period is None:
             raise InputError(f"{path} cannot be exported: it computes its initial state from inputs")
         if update.unrestricted or not update.at_start:
-            raise InputError(f"{path} cannot be exported: it has updates that precede other updates of an instant")
+            raise InputError(f"{path} cannot be exported: it has updates that must precede others at the same time")
     return block
 
 
@@ -469,7 +472,7 @@ def _reads_of(system: Any) -> list[Any]:
 
 
 def signal_layout(name: str, num_rows: int) -> Layout:
-    """Return the layout of a signal; an array if no signal has this name and number of rows."""
+    """Return the layout of a signal; it is an array if no known signal has this name and number of components."""
     if name in SIGNALS and hasattr(SIGNALS[name], "_fields"):
         layout = layout_of(SIGNALS[name])
         if layout.num_rows == num_rows:
@@ -483,5 +486,5 @@ def _system(path: str) -> str:
 
 
 def _member(path: str, name: str) -> str:
-    """Return the name of a struct member or variable for a part of a system."""
+    """Return the name of a struct member or variable for a port, state group or parameter of a system."""
     return identifier(f"{path.removeprefix(_CONTROL)}_{name}")

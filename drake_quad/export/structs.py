@@ -1,4 +1,4 @@
-"""C structs for records."""
+"""C structs for the records (named tuples) that formulas use."""
 
 import inspect
 import re
@@ -109,7 +109,7 @@ class Structs:
 
 
 def accessors(layout: Layout) -> list[str]:
-    """Return the C suffix that selects each row of a value, such as `.gains.k_p.x`."""
+    """Return the C suffix that selects each component of a value, such as `.gains.k_p.x`."""
     if layout.kind is tuple and _is_uniform(layout):
         return [f".values{suffix}" for suffix in _element_accessors(layout)]
     return _element_accessors(layout)
@@ -130,7 +130,7 @@ def _element_accessors(layout: Layout) -> list[str]:
 
 
 def initializer(layout: Layout, texts: Sequence[str]) -> str:
-    """Return the C initializer of a value, given the expression of each row."""
+    """Return the C initializer of a value, given the expression of each component."""
     text = _element_initializer(layout, iter(texts))
     return f"{{{text}}}" if layout.kind is tuple and _is_uniform(layout) else text
 
@@ -176,7 +176,7 @@ def _attribute_texts(kind: type) -> dict[str, str]:
 
 
 def _comment(text: str, quantity: Quantity | None) -> str:
-    """Return the comment of a field: its description, unit and frame."""
+    """Return the comment on a field: its description, unit and coordinate frame."""
     if quantity is None:
         return text
     frame = {"W": "world frame", "B": "body frame"}.get(quantity.frame, "")

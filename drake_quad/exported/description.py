@@ -21,10 +21,10 @@ class CodeInterface:
     Attributes:
         period: time between two steps, s.
         output_divisor: number of steps between two steps that write outputs.
-        inputs: number of rows of each input.
-        outputs: number of rows of each output.
-        num_states: number of rows of the state.
-        num_parameters: number of rows of the parameters.
+        inputs: number of components of each input.
+        outputs: number of components of each output.
+        num_states: number of components of the state.
+        num_parameters: number of components of the parameters.
         num_operations: largest number of arithmetic operations and calls of `math.h` in a step.
     """
 

@@ -16,7 +16,7 @@ class ExportedController(LeafSystem):
     """Controller that runs exported C code.
 
     The input and output ports have the names of the signals of the exported controller. The discrete state contains
-    the rows of the exported state, and the number of steps since the start.
+    the numbers of the exported state, and the number of steps since the start.
 
     `exported_controller` returns a subclass for a folder.
 
@@ -56,7 +56,7 @@ class ExportedController(LeafSystem):
 
     def _declare_output(self, name: str, rows: slice) -> None:
         def calc(context: Context, output: BasicVector) -> None:
-            # Between two steps that write outputs, the outputs are those of the present state.
+            # The code writes outputs only in some steps. In the others, they are computed here from the present state.
             _, outputs = self._stepped(context, whole_divisor=True)
             output.SetFromVector(outputs[rows].ravel())
 
@@ -67,11 +67,11 @@ class ExportedController(LeafSystem):
         state.set_value(next_state.ravel())
 
     def _stepped(self, context: Context, *, whole_divisor: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (rows, N) next state and the (rows, N) outputs of a step.
+        """Return the next state and the outputs of a step, both as arrays (components, N).
 
         Args:
             context: context of the system.
-            whole_divisor: True to round the number of the step down to a step that writes outputs.
+            whole_divisor: True to compute the step as if it were the last one in which the code writes its outputs.
         """
         description, n = self.description, self.num_vehicles
         state = context.get_discrete_state(0).value().reshape(-1, n)
@@ -115,7 +115,7 @@ def exported_controller(folder: Path | str, machine: str = "host") -> type[Expor
 
     code = b"".join((folder / f"{description.name}{suffix}").read_bytes() for suffix in (".h", ".c"))
     digest = hashlib.sha256(f"{machine} {description}".encode() + code).hexdigest()[:8]
-    # The name of the kind that `register_controller` makes is exported.NAME_DIGEST.
+    # `register_controller` derives the kind of the controller in scenarios from these names: exported.NAME_DIGEST.
     Controller.__module__, Controller.__name__ = "exported", f"{description.name}_{digest}"
     Controller.__doc__ = ExportedController.__doc__
     Controller.description, Controller.folder, Controller.machine = description, folder, machine

@@ -73,7 +73,7 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name; requires `record=True`."""
 
 
 class WiredSimulation(FleetSimulation):
@@ -106,7 +106,7 @@ class WiredSimulation(FleetSimulation):
         return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name; requires `record=True`."""
         return read_recorder(self._diagram.GetSubsystemByName("recorder"), self.simulator.get_context())
 
 
@@ -121,8 +121,8 @@ class CompiledSimulation(FleetSimulation):
 
     def __init__(self, batch: Batch, plan: Plan, *, user_systems: UserSystems, record: bool) -> None:
         self._plan = plan
-        # A system that cannot be compiled is replaced in the wired diagram by a stand-in, because its state exists only
-        # in the compiled diagram.
+        # The state of a system that cannot be compiled exists only in the compiled diagram. In the uncompiled ("wired")
+        # diagram, a stand-in replaces such a system.
         registered = {
             name: system
             for name, system in registered_leaf_systems(batch.scenario, len(batch)).items()
@@ -135,8 +135,8 @@ class CompiledSimulation(FleetSimulation):
         self._wired = build_fleet_diagram(batch, plan, user_systems=self._user_systems)
         self._wired_context = self._wired.CreateDefaultContext()
         ticks = _CHECK_TICKS_OF_SINGLE_VEHICLE if len(batch) == 1 else _CHECK_TICKS_OF_FLEET
-        # The period of the controller is given explicitly, since it is not always the longest period. Flights end and
-        # are recorded at control ticks.
+        # Flights end and are recorded at control ticks. The control period is given explicitly, because other parts of
+        # the diagram may have longer periods.
         tick = batch.scenario.laboratory.command_link.period
         self._diagram = compile_diagram(self._wired, ticks=ticks, tick=tick, record=record)
         self._compiled = compiled_part(self._diagram)
@@ -161,7 +161,7 @@ class CompiledSimulation(FleetSimulation):
         return self._wired, self._wired_context
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name; requires `record=True`."""
         signals = self._compiled.log(self._part_of(self.simulator.get_mutable_context()))
         num_ticks = len(next(iter(signals.values())))
         return self._compiled.tick * np.arange(num_ticks), signals
@@ -208,7 +208,7 @@ def fly(
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
-    # A step that ends just before a jump of the forces evaluates them only before the jump.
+    # A step must not contain a jump of the forces, so one step ends just before each jump and another at the jump.
     stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():

@@ -47,7 +47,8 @@ class StudyFleet:
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
-            # The integrator steps of a continuous state would depend on all vehicles of the fleet.
+            # With a continuous state, the integrator chooses its steps for all vehicles together, so a flight would
+            # depend on the other vehicles.
             raise InputError(
                 "vehicle.time_step is 0; it must be positive, so that the flight of a sample is the same in any fleet"
             )

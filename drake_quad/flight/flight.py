@@ -87,7 +87,7 @@ class Flight(Mapping[str, np.ndarray]):
     __hash__ = object.__hash__
 
     def record(self, name: str) -> Any:
-        """Return a signal as a record of (ticks,) arrays, as in `record("state").roll`; see `drake_quad.signals`."""
+        """Return a signal as a NamedTuple of (ticks,) arrays, as in `record("state").roll`."""
         rows = list(self[name].T)
         return layout_of(SIGNALS[name], rows).build(rows)
 

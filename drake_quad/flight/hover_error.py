@@ -1,9 +1,9 @@
 """Prediction of the position error in hover, by simulation with wind and noise.
 
 The hovers are simulated in the laboratory of the scenario, including lost frames and packets. A linear model
-(`drake_quad.linear.hover_covariance`) omits these losses and the products of noise terms, which together cause most of
-the error in weak wind. Hovers are simulated until the confidence interval of the RMS error is narrow enough. This takes
-about a second for most controllers.
+(`drake_quad.linear.hover_covariance`) omits these losses and nonlinear effects, in which one noise multiplies another.
+Together they cause most of the error in weak wind. Hovers are simulated until the confidence interval of the RMS error
+is narrow enough. This takes about a second for most controllers.
 """
 
 import math

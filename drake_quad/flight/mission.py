@@ -38,7 +38,7 @@ def plan_route(mission: Mission) -> Plan:
 
 
 def plan_route_with_problem(mission: Mission) -> PlannedRoute:
-    """Return the plan for the route of a scenario, with the problem that it solves.
+    """Return the plan for the route of a scenario, and the planning problem that this plan solves.
 
     Planning around obstacles takes seconds, so these plans are cached. The function raises the errors of `plan_route`.
     """

@@ -30,7 +30,7 @@ _MIN_NUM_SIGMAS = 5.0
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
-_MAX_CHANGE_LENGTH = 120  # characters of a path with its old and new value
+_MAX_CHANGE_LENGTH = 120  # largest length of a text with the path of a field, its old value and its new value
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal random variable is more than one standard deviation below its mean.
@@ -40,9 +40,9 @@ _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
     """Return remarks on settings that the user may not have intended.
 
-    The remarks concern implausible values, a vehicle that differs from the nominal one, settings without effect, and a
-    route that ends in motion. Remarks that depend on the plan are left out if the route cannot be planned, for example
-    because it is random.
+    The remarks concern implausible values, a vehicle that differs from the nominal one, settings without effect, crash
+    limits that the flight must exceed, and a route that ends in motion. Remarks that depend on the plan are left out if
+    the route cannot be planned, for example because it is random.
 
     Args:
         scenario: scenario to fly, which may contain distributions.
@@ -53,6 +53,7 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
         *_implausible_values(scenario),
         *_mixed_vehicles(scenario),
         *_inactive_settings(flight),
+        *_certain_crashes(flight),
         *_braking(flight),
     )
 
@@ -211,7 +212,7 @@ def _deviation(value: Any) -> float:
 
 
 def _implausible_values(scenario: Scenario) -> list[str]:
-    """Return a question on each value that has probably been given in another unit."""
+    """Return a remark, in the form of a question, on each value that has probably been given in another unit."""
     tick = scenario.laboratory.command_link.period
     questions: dict[str, str] = {}
     for path, mapping in mappings_in(scenario):
@@ -226,7 +227,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
         }
         # A mapping with an implausible field is also implausible as a whole.
         questions |= found or {join_path(path, inner): clause for inner, clause in mapping.implausible_fields()}
-    # A vehicle has the values of `nominal` unless it gives others.
+    # Fields that `vehicle` does not set have the values of `nominal`.
     return [
         f"{path} {clause}"
         for path, clause in questions.items()
@@ -248,6 +249,22 @@ def _inactive_settings(flight: _PlannedFlight) -> list[str]:
         f"{join_names(each)} {'has' if len(each) == 1 else 'have'} no effect, since {reason}"
         for reason, each in paths.items()
     ]
+
+
+def _certain_crashes(flight: _PlannedFlight) -> Iterator[str]:
+    """Yield a remark on each limit of `crash` that the flight exceeds from its beginning, or on its reference."""
+    crash, initial = flight.scenario.crash, flight.scenario.initial
+    if -math.inf < flight.lowest_height <= crash.height:
+        yield (
+            f"crash.height is {crash.height:g} m, but the reference flies as low as {flight.lowest_height:.3g} m, so a"
+            " vehicle that follows it counts as crashed"
+        )
+    roll, pitch = (abs(_median(angle)) for angle in initial.attitude[:2])
+    if crash.tilt is not None and max(roll, pitch) > crash.tilt:
+        yield (
+            f"initial.attitude is a tilt of {max(roll, pitch):.3g} rad, but crash.tilt is {crash.tilt:.3g} rad, so the"
+            " vehicle counts as crashed from the beginning; null allows every tilt"
+        )
 
 
 def _braking(flight: _PlannedFlight) -> list[str]:

@@ -188,7 +188,7 @@ _TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
-    """Return x where the mask is true, else y. If only one of x and y is a truth value, it is converted to a number."""
+    """Return x where the mask is true, else y. If only one of x and y is a boolean, it is converted to a number."""
     _, x, y = to_symbols(mask, x, y)
     if x.kind is not y.kind:
         x, y = as_number(x), as_number(y)
@@ -221,9 +221,9 @@ def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
 def _function(approximation: _Formula) -> _Formula:
     """Decorate the approximation of an elementary function.
 
-    If the listing that contains the arguments calls functions (see `Listing.calls_functions`), a call is recorded
-    instead of the approximation's operations. The name of the called function consists of the formula's name and the
-    names of the options that are true.
+    If the listing to which the arguments belong records calls (see `Listing.calls_functions`), one call is recorded
+    instead of the operations of the approximation. The name of the called function consists of the formula's name and
+    the names of the options that are true.
     """
 
     @functools.wraps(approximation)
@@ -276,7 +276,7 @@ def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
 
 
 def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
-    """Return x, with opposite sign where the highest bit of a word is set."""
+    """Return x, with opposite sign where the highest bit of a 64-bit word is set."""
     return _number_of(float_bits(x) ^ (sign & _SIGN_MASK))
 
 
@@ -396,7 +396,7 @@ def to_uint64(x: Symbol) -> Symbol:
 
 
 def float_bits(x: Symbol) -> Symbol:
-    """Return the bits of a float as a word."""
+    """Return the bits of a float as a 64-bit word."""
     return operation("float_bits", x, kind=SymbolKind.WORD)
 
 

@@ -1,4 +1,4 @@
-"""System that copies one vehicle's rows to every vehicle of a fleet."""
+"""System that copies the signal of one vehicle to every vehicle of a fleet."""
 
 from pydrake.systems.framework import BasicVector, BasicVector_, Context
 
@@ -8,7 +8,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 
 @fleet_system(float, AutoDiffXd)
 class Broadcast(FleetSystem):
-    """System that copies the rows of a single vehicle to every vehicle of a fleet.
+    """System that copies the signal of a single vehicle to every vehicle of a fleet.
 
     .. pydrake_system::
 
@@ -20,7 +20,7 @@ class Broadcast(FleetSystem):
 
     Args:
         num_vehicles: number N of vehicles.
-        num_rows: number k of rows; `single` has k elements, and `fleet` has k rows of N elements.
+        num_rows: number k of components of the signal; `single` has k elements, and `fleet` has k rows of N elements.
     """
 
     def declare(self, *, num_rows: int = 1) -> None:

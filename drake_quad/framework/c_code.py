@@ -1,13 +1,13 @@
-"""Conversion of listings to C99.
+"""Conversion of recorded formulas to C99.
 
-A line of a listing becomes a local variable if its value is used several times or has a name in the formula; other
-lines become part of the expression that uses them:
+Each line of a `Listing` is one operation of the formula. It becomes a local variable if its value is used several times
+or has a name in the formula. Other lines become part of the expression that uses them:
 
     const double e_x = reference->x - measurement->x;
     result->pd.x = gains->k_p.x * e_x + gains->k_d.x * v_x;
 
-In double precision, every result is equal to that of the machine code from `drake_quad.framework.instructions`, to the
-last bit, if the compiler neither contracts nor reorders operations (`-ffp-contract=off`, without `-ffast-math`).
+In double precision, every result is bitwise equal to that of the machine code from `drake_quad.framework.instructions`.
+This requires that the compiler neither contracts nor reorders operations (`-ffp-contract=off`, without `-ffast-math`).
 Elementary functions are the approximations of this package. In single precision, they are the functions of `math.h`.
 """
 
@@ -47,8 +47,10 @@ class _Template(NamedTuple):
     limits: tuple[int, ...]
 
 
-# Precedence of a name, a number or a call, of a unary operator, and of the weakest operator in an argument of a call.
-_ATOM, _UNARY, _ANY = 16, 15, 0
+# Precedences in C. A larger number binds more tightly.
+_ATOM = 16  # name, number or call
+_UNARY = 15  # unary operator
+_ANY = 0  # weakest operator, which is allowed in an argument of a call
 
 
 def _call(text: str, operands: int = 1) -> _Template:
@@ -64,7 +66,8 @@ def _in_parentheses(operator: str, precedence: int) -> _Template:
     return _Template(f"{{0}} {operator} {{1}}", precedence, (_UNARY, _UNARY))
 
 
-# C expression for each operation, as `INSTRUCTIONS` in `drake_quad.framework.instructions` for LLVM.
+# C expression for each operation. `drake_quad.framework.instructions` contains the LLVM instructions for the same
+# operations.
 EXPRESSIONS = {
     "add": _left_associative("+", 12),
     "subtract": _left_associative("-", 12),
@@ -89,7 +92,7 @@ EXPRESSIONS = {
     "word_of_truth": _call("(uint64_t)({0})"),
     "truth_of_word": _Template("({0} & 1) != 0", 9, (_UNARY,)),
 }
-# C expressions for operations on words and truth values that differ from those for numbers.
+# C expressions for those operations that are written differently for 64-bit words and booleans than for numbers.
 _BITWISE = {
     "add": _left_associative("+", 12),
     "multiply": _left_associative("*", 13),
@@ -99,7 +102,7 @@ _BITWISE = {
     "left_shift": _in_parentheses("<<", 11),
     "right_shift": _in_parentheses(">>", 11),
 }
-# C has no truth values of a single bit, so `&` of truth values is written as `&&`.
+# C has no one-bit booleans, so `&` of booleans is written as `&&`.
 _LOGICAL = {
     "bitwise_and": _in_parentheses("&&", 5),
     "bitwise_or": _in_parentheses("||", 4),
@@ -121,7 +124,7 @@ _SINGLE_PRECISION_FUNCTIONS = {
     "arcsin": ("asinf",),
     "arcsin_small": ("asinf",),
 }
-# Functions that the C code of words needs.
+# C functions that convert between doubles and 64-bit words.
 WORD_FUNCTIONS = """\
 static uint64_t float_bits(double number)
 {
@@ -195,11 +198,11 @@ static double multiply_add(double x, double y, double z)
 }
 #endif
 """
-# Words below this number, such as distances of shifts, are written as plain numbers.
+# Smaller 64-bit words, such as shift counts, are written in decimal notation.
 _MAX_PLAIN_WORD = 64
-# Longest expression that becomes part of another one, in characters.
+# Largest length of an expression that is written inside another expression, in characters.
 _MAX_INLINE_LENGTH = 60
-# Number of weights in a line of a table.
+# Number of weights per line in the C code of a constant array.
 _TABLE_COLUMNS = 6
 # Words that cannot be names of variables: keywords of C and C++, macros and functions of the included headers, and
 # functions of the exported code.
@@ -230,7 +233,8 @@ class Precision(NamedTuple):
     num_bytes: int
 
 
-DOUBLE, SINGLE = Precision("double", "", 8), Precision("float", "f", 4)
+DOUBLE = Precision("double", "", 8)
+SINGLE = Precision("float", "f", 4)
 PRECISIONS = {"double": DOUBLE, "single": SINGLE}
 """Floating-point formats of exported code, by name."""
 
@@ -253,7 +257,7 @@ class Functions:
         self._names: dict[Function | Branch | SymbolLayer, str] = {}
 
     def elementary(self, function: Function) -> tuple[str, ...] | str:
-        """Return the names of functions of `math.h`, one for each result; or the name of a static function."""
+        """Return the name of a static function, or for single precision the `math.h` function for each result."""
         if self.precision is SINGLE:
             return _SINGLE_PRECISION_FUNCTIONS[function.name]
         return self._named(function, f"approximate_{function.name}", self._branch_text, function.approximation)
@@ -279,7 +283,7 @@ class Functions:
         return self._names[key]
 
     def _branch_text(self, name: str, branch: Branch) -> str:
-        """Return a function of the rows of a branch: its single result is returned, several are written to an array."""
+        """Return the C code of a branch as a function, which returns a single result or writes several to an array."""
         real = self.precision.real
         rows = sorted(
             {
@@ -396,9 +400,10 @@ class Body:
     Args:
         listing: listing, recorded with `calls_functions`.
         results: symbols or numbers of the results.
-        row: function that returns the expression of a row, given the number of its group and its index.
+        row: function that returns the expression of an input value, given the number of its group of inputs and its
+            index in this group.
         functions: static functions of the C file, to which required functions are added.
-        names: names of lines, by the number of the line.
+        names: names for the values of lines, by the number of the line.
         reserved: names that local variables must not have.
 
     Attributes:
@@ -434,7 +439,7 @@ class Body:
         self.results = [self._expressions[symbol.line] for symbol in symbols]
 
     def _count_uses(self, results: Sequence[int]) -> list[int]:
-        """Return for each line how often required lines and results use it."""
+        """Return how often each line is used by the results and by the lines that are needed for them."""
         uses = [0] * len(self._operations)
         for line in results:
             uses[line] += 1
@@ -453,7 +458,7 @@ class Body:
             return self._called(line)
         operands = [self._expressions[operand] for operand in operation.operands]
         if operation.name == "multiply" and self._one in operands:
-            # The product of any number and one is this number.
+            # A multiplication by one is omitted.
             return operands[0] if operands[1] == self._one else operands[1]
         self.num_operations += 1
         template = self._template(line)
@@ -488,7 +493,7 @@ class Body:
         return Expression(f"{bits}" if bits < _MAX_PLAIN_WORD else f"UINT64_C({bits:#x})", _ATOM)
 
     def _stored(self, line: int, expression: Expression) -> Expression:
-        """Return an expression, or the name of a new variable with its value."""
+        """Return an expression that is short and used once; store other values in variables and return the names."""
         is_short = len(expression.text) <= _MAX_INLINE_LENGTH
         if self._uses[line] == 1 and line not in self._names and is_short:
             return expression
@@ -507,7 +512,7 @@ class Body:
         return name
 
     def _called(self, line: int) -> Expression:
-        """Return the expression of a result of a branch, layer or function."""
+        """Return the expression for a result of a call of a branch, layer or function."""
         operation = self._operations[line]
         assert operation.inside is not None
         assert operation.kind is not SymbolKind.WORD, "arrays of results contain numbers"

@@ -117,7 +117,7 @@ def copy_functions(lanes: int) -> str:
 
 
 def _copy_function(name: str, lanes: int, count: str | int, source: str, target: str) -> str:
-    """Return the LLVM code of a function that copies each row, either as a whole vector or element by element."""
+    """Return the LLVM code of a function that copies rows, each as a whole vector or element by element."""
     vector = f"<{lanes} x i64>"
     arguments = "ptr %copy, ptr %fleet, i64 %rows, i64 %stride, i64 %left"
     driver = Driver(f"internal void @{name}({arguments}) noinline")

@@ -157,8 +157,8 @@ def lazy_where(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Ro
     """Return `where(mask, formula(*arguments), otherwise)`, but evaluate the formula only where it is needed.
 
     Use this function for expensive formulas that few vehicles need. Python evaluates the formula only for vehicles for
-    which the mask is true. Machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of
-    Expression are not supported.
+    which the mask is true. Machine code evaluates it for all vehicles in a vector register if at least one of them
+    needs it. Rows of Expression are not supported.
 
     Args:
         mask: Boolean for each vehicle, true if the vehicle needs the formula.
@@ -176,7 +176,9 @@ def lazy_where(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Ro
     needed: Any = np.asarray(mask, dtype=bool)
     if not needed.any():
         return where(mask, otherwise, otherwise)
-    return _placed(needed, formula(*[x[needed] if isinstance(x, np.ndarray) else x for x in arguments]), otherwise)
+    return _replace_masked(
+        needed, formula(*[x[needed] if isinstance(x, np.ndarray) else x for x in arguments]), otherwise
+    )
 
 
 def identity(x: _Rows) -> _Rows:
@@ -218,10 +220,10 @@ def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row])
     return outputs
 
 
-def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
-    """Return rows equal to `some` where the mask is true, else to `others`; `some` has only these masked vehicles."""
+def _replace_masked(mask: np.ndarray, some: Any, others: Any) -> Any:
+    """Return `others` with the values of the masked vehicles replaced by `some`, which contains only these."""
     if isinstance(others, tuple):
-        rows = [_placed(mask, row, other) for row, other in zip(some, others, strict=True)]
+        rows = [_replace_masked(mask, row, other) for row, other in zip(some, others, strict=True)]
         return others._make(rows) if hasattr(others, "_make") else tuple(rows)
     placed = np.empty(mask.shape, dtype=np.result_type(np.asarray(some), np.asarray(others)))
     placed[...] = others

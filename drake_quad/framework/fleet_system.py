@@ -74,7 +74,7 @@ class Input:
     Attributes:
         name: name of the port.
         index: Drake's index of the port.
-        layout: layout of the rows.
+        layout: layout of the port's value.
         absent: value that a formula receives if the port is not connected; `REQUIRED` if the port must be connected.
     """
 
@@ -116,8 +116,8 @@ class Parameter:
     Attributes:
         name: name of the parameter within the system.
         index: Drake's index of the numeric parameter.
-        layout: layout of the rows.
-        recipe: function that computes the record from the system's argument `parameters`.
+        layout: layout of the parameter.
+        recipe: function that computes the parameter from the system's argument `parameters`.
     """
 
     name: str
@@ -145,8 +145,8 @@ class StateGroup:
     Attributes:
         name: name of the group within the system.
         index: Drake's index of the discrete group; None for the continuous state.
-        layout: layout of the rows.
-        recipe: function that computes the initial record from the system's argument `parameters`.
+        layout: layout of the state.
+        recipe: function that computes the initial state from the system's argument `parameters`.
         is_scheduled: True if small changes of the inputs change this group, or its effect on the outputs, only in
             second order, as with a counter or with the covariance of a Kalman filter in equilibrium. Linear models
             leave such a group out and use its values at the operating point.
@@ -356,7 +356,7 @@ class FleetSystem(_Base):
         Args:
             name: name of the port.
             kind: type of the record at the port, or its layout.
-            distribution: distribution of each row.
+            distribution: distribution of each random number.
             period: period at which the system uses new random numbers, s.
         """
         layout = kind if isinstance(kind, Layout) else layout_of(kind)
@@ -466,7 +466,7 @@ class FleetSystem(_Base):
             formula: function that returns the new value of the group, or a tuple with the new values of several groups.
             reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
                 States are passed with their values before the update.
-            writes: groups that this update writes, and no other update. None or an empty tuple stands for an optional
+            writes: groups that only this update writes. None or an empty tuple stands for an optional
                 group that is not declared; the corresponding result is ignored.
             unrestricted: True for an update before all discrete updates of the same instant, which use its result.
             at_start: True if the update also takes place at time zero.
@@ -569,7 +569,7 @@ class FleetSystem(_Base):
 
 
 def _layout_of_target(target: Any) -> Layout:
-    """Return the layout of the result for an output port's layout or a state group; `ABSENT` without a group."""
+    """Return a layout unchanged, the layout of a state group, or `ABSENT` for a group that is not declared."""
     if isinstance(target, Layout):
         return target
     return target.layout if isinstance(target, StateGroup) else ABSENT
@@ -584,7 +584,7 @@ class RandomInput(NamedTuple):
 
     Attributes:
         num_rows: number of random numbers for each vehicle.
-        distribution: distribution of each row.
+        distribution: distribution of each random number.
         period: period at which new random numbers are used, s.
     """
 

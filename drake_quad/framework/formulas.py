@@ -36,6 +36,8 @@ TIME = _Time()
 class Tick(NamedTuple):
     """Number of a tick, split into the number of a pair of ticks and the position in the pair.
 
+    Random number streams use the pair, since one random word yields normal numbers for two successive ticks.
+
     Attributes:
         pair: number of the pair, a whole number from 0 on.
         second: True if the tick is the second tick of the pair.
@@ -112,7 +114,7 @@ def _compile(
 
 
 def trace_formula(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
-    """Run a formula on symbols, and return the rows of its results; truth values are converted to 0 and 1.
+    """Run a formula on symbols, and return the rows of its results; booleans are converted to 0 and 1.
 
     Raises:
         TypeError: if the results do not match the layouts, or if the formula branches on a row or calls a function that
@@ -190,7 +192,7 @@ def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:
 
 def pack_rows(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
     """Concatenate rows to one vector of num_rows · N elements; each row is a number or an (N,) array."""
-    # `np.broadcast_to` is twenty times slower.
+    # `np.broadcast_to` would be twenty times slower than the following code.
     if num_vehicles == 1:
         return np.array([row.item() if row.__class__ is np.ndarray else row for row in rows])
     shape = (num_vehicles,)

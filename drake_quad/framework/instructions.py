@@ -55,7 +55,7 @@ INSTRUCTIONS = {
     "word_of_truth": "zext {t} {0} to {r}",
     "truth_of_word": "trunc {t} {0} to {r}",
 }
-# LLVM instructions for operations on words and truth values that differ from the instructions for numbers.
+# LLVM instructions for those operations that differ between numbers and 64-bit words or booleans.
 _INTEGER_INSTRUCTIONS = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",
@@ -288,7 +288,7 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
     constants = ", ".join(f"double 0x{each:016X}" for each in bits)
 
     def spread(result: str, column: str, j: int) -> list[str]:
-        return [f"  {line}" for line in _spread(result, column, j, lanes)]
+        return [f"  {line}" for line in _load_to_all_lanes(result, column, j, lanes)]
 
     return "\n".join(
         [
@@ -368,7 +368,7 @@ def _write_operation(
         return f"<{', '.join([f'{_ELEMENT_TYPES[kind]} {text}'] * lanes)}>"
     if operation.name == "shared" and isinstance(shared, str):
         (row,) = operation.operands
-        lines += _spread(name, shared, row, lanes)
+        lines += _load_to_all_lanes(name, shared, row, lanes)
         return name
     if operation.name in LEAVES:
         *group, row = operation.operands
@@ -391,7 +391,7 @@ def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str
     return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 
 
-def _spread(result: str, pointer: str, row: int, lanes: int) -> list[str]:
+def _load_to_all_lanes(result: str, pointer: str, row: int, lanes: int) -> list[str]:
     """Return the LLVM lines that load an array element and copy it to all lanes."""
     type_ = _type(SymbolKind.NUMBER, lanes)
     return [

@@ -2,7 +2,7 @@
 
 A group of k rows is an array with k N elements, in which row i starts at element i N. A vector of vehicles that starts
 with vehicle `first` has its rows at the elements `first + i N`. If N is not a multiple of `LANES`, the remaining
-vehicles are copied to a full vector, which the same instructions compute, and copied back.
+vehicles are copied to a full vector. The same instructions compute this vector, and its results are copied back.
 
     sources  ┌─────────────┐  load   %v12 = <8 x double>      store  ┌─────────────┐  targets
     (k N,)   │ row 0       │ ──────▶ %v13 = fmul %v12, %v7   ──────▶ │ row 0       │  (m N,)

@@ -90,7 +90,8 @@ def kernel_address(text: str) -> int:
 def generated_kernel_address(identity: str, generate: Callable[[], str]) -> int:
     """Return the address of the function `kernel` in an LLVM module; the module is generated only if it is not cached.
 
-    Generating the code of an event takes as long as tracing its formulas. This function is thread-safe.
+    A cached module is not generated, because generating its code takes as long as tracing its formulas. This function
+    is thread-safe.
 
     Args:
         identity: text that, together with the generator's sources, determines the LLVM code.

@@ -1,7 +1,8 @@
-"""Layout of records in the rows of a vector.
+"""Layout of records in a vector.
 
-A record is a NamedTuple whose fields are rows, other records, or tuples of rows or records. A record contains the rows
-of its fields in order, at any depth of nesting: for example a vehicle's mass, then its three moments of inertia.
+A row is a quantity that has one value for each vehicle. A record is a NamedTuple whose fields are rows, other records,
+or tuples of rows or records. The vector contains the rows of all fields in order, at any depth of nesting: for example
+a vehicle's mass, then its three moments of inertia.
 
 The types of the fields determine the layout, with two exceptions, for which an example of the record is required. The
 example determines the length of a tuple of any length (`tuple[Row, ...]`), and whether an optional field (`Record |
@@ -143,7 +144,7 @@ def _like(kind: Any, value: Any) -> Layout:
         return _joined(tuple, [type(part) if isinstance(part, tuple) else Row for part in value], value)
     if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
         return _joined(kind, _field_types(kind), value)
-    raise TypeError(f"{kind} is not a type of rows, which are Row, records and tuples of them")
+    raise TypeError(f"{kind} is not a type of record; use Row, a NamedTuple of rows, or a tuple of these")
 
 
 def _joined(kind: type, types: Sequence[Any], value: Any) -> Layout:

@@ -71,7 +71,7 @@ class _IdentityPickler(pickle.Pickler):
             return NotImplemented
         kind = type(value)
         if kind.__module__.partition(".")[0] != __name__.partition(".")[0]:
-            raise pickle.PicklingError(f"{kind.__qualname__} is the user's code")
+            raise pickle.PicklingError(f"{kind.__qualname__} is defined in the user's code")
         return tuple, ((kind.__qualname__, *((name, getattr(value, name)) for name in kind.model_fields)),)
 
 

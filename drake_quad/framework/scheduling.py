@@ -1,4 +1,4 @@
-"""List scheduling of the lines of a listing.
+"""Order in which the operations of a formula are executed, by list scheduling.
 
 Most lines of a formula use the result of the previous line. A processor looks ahead only by some dozens of
 instructions, and would therefore wait for most results. The schedule is the order in which a processor with a much
@@ -51,7 +51,7 @@ def schedule(listing: Listing) -> list[int]:
             if operand_users is not None:
                 operand_users.append(line)
                 num_missing[line] += 1
-    ready = [line for line in lines if not num_missing[line]]  # sorted, and so a heap
+    ready = [line for line in lines if not num_missing[line]]  # a sorted list is also a heap
     waiting: list[tuple[int, int]] = []
     order: list[int] = []
     is_scheduled = bytearray(len(operations))
@@ -83,7 +83,7 @@ def schedule(listing: Listing) -> list[int]:
 
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
-    """Insert constants and rows into a schedule, each before the first line that uses it; append the unused ones."""
+    """Insert constants and rows into a schedule, each before the first line that uses it; append unused ones."""
     operations = listing.operations
     complete: dict[int, None] = {}
     for line in order:

@@ -2,8 +2,8 @@
 
 A formula is plain Python. If it is executed on symbols instead of numbers, all its operations are recorded in a
 `Listing`, from which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a
-constant, is executed during tracing. A formula cannot branch on a row. `drake_quad.framework.elementary` contains three
-replacements:
+constant, is executed during tracing. A row is a quantity that has one value for each vehicle of a fleet. A formula
+cannot branch on a row. `drake_quad.framework.elementary` contains three replacements:
 
 - `where` selects one of two rows.
 - `lazy_where` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
@@ -35,14 +35,14 @@ from drake_quad.framework.replacements import (
 
 
 class SymbolKind(IntEnum):
-    """Type of a symbol: double, truth value, or 64-bit word."""
+    """Type of a symbol: double, boolean ("truth value"), or 64-bit word."""
 
     NUMBER = 1
     TRUTH = 2
     WORD = 3
 
 
-# Operations whose operands are not other lines.
+# Operations whose operands are not the results of other operations.
 LEAVES = ("constant", "row", "shared")
 
 
@@ -208,7 +208,7 @@ class Listing:
         return self.add("shared", (index,), SymbolKind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
-        """Return the symbol of a constant: a number, a NumPy uint64 or a truth value."""
+        """Return the symbol of a constant: a number, a NumPy uint64 or a boolean."""
         if value.__class__ is float:  # the most frequent type
             return self.add("constant", _WORD_FORMAT.unpack(_FLOAT_FORMAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray):
@@ -321,8 +321,8 @@ def _refused(function: str, name: str) -> Callable[..., Any]:
 class Symbol:
     """Row of a formula that is being traced, or a value computed from rows.
 
-    Authors of formulas do not use symbols directly. Numbers support arithmetic and comparisons. Truth values support
-    `&` and `|`; in arithmetic with numbers, they are converted to 0 or 1. Words support sums, products, shifts and
+    Authors of formulas do not use symbols directly. Numbers support arithmetic and comparisons. Booleans support `&`
+    and `|`; in arithmetic with numbers, they are converted to 0 or 1. 64-bit words support sums, products, shifts and
     bitwise operations with other words.
     """
 
@@ -425,12 +425,12 @@ _ACCEPTED_UFUNCS = (
 def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symbol:
     """Return the symbol of an operation on symbols and constants; at least one operand must be a symbol.
 
-    Truth values are converted to numbers if the operation requires numbers.
+    Booleans are converted to numbers if the operation requires numbers.
 
     Args:
         name: name of the operation.
         operands: operands of the operation.
-        kind: type of the result; by default a truth value for a comparison, and the type of the first symbol otherwise.
+        kind: type of the result; by default a boolean for a comparison, and the type of the first symbol otherwise.
 
     Raises:
         TypeError: if the operation does not apply to operands of these types, or the operands belong to different
@@ -451,7 +451,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
 
 
 def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
-    """Return the symbol of an operation on numbers, given operands that include truth values."""
+    """Return the symbol of an operation on numbers, given operands that include booleans."""
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
             return operation("bitwise_and", *symbols)
@@ -460,7 +460,7 @@ def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol
     return operation(name, *map(as_number, symbols), kind=kind)
 
 
-# Operations whose results on truth values differ between Python and NumPy.
+# Operations whose results for booleans differ between Python and NumPy.
 _AMBIGUOUS_OPERATIONS = ("add", "subtract", "negative")
 _TRUTH_ARITHMETIC_MESSAGE = (
     "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
@@ -469,7 +469,7 @@ _TRUTH_ARITHMETIC_MESSAGE = (
 
 
 def as_number(symbol: Symbol) -> Symbol:
-    """Return the number 1 if a truth value is true, else 0; other symbols are returned unchanged."""
+    """Convert a boolean to the number 1 or 0; other symbols are returned unchanged."""
     if symbol.kind is not _TRUTH:
         return symbol
     _, one, zero = to_symbols(symbol, 1.0, 0.0)
@@ -477,7 +477,7 @@ def as_number(symbol: Symbol) -> Symbol:
 
 
 def as_truth_value(symbol: Symbol) -> Symbol:
-    """Return whether a number differs from zero; other symbols are returned unchanged."""
+    """Convert a number to a boolean, true if it differs from zero; other symbols are returned unchanged."""
     return operation("not_equal", symbol, 0.0) if symbol.kind is _NUMBER else symbol
 
 

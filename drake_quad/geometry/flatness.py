@@ -1,7 +1,8 @@
 """Differential flatness: attitude, body rates and angular accelerations that a path requires.
 
 The thrust acts along z_B, so the specific thrust f = F z_B of a path (acceleration plus gravity) determines roll φ and
-pitch θ, eq (7). Its derivatives, jerk j and snap s, determine the rotation of the body, since ż_B is q x_B - p y_B:
+pitch θ, eq (7) of Kayacan and Maslim (2016). Its derivatives, jerk j and snap s, determine the rotation of the body,
+since ż_B is q x_B - p y_B:
 
     Ḟ = z_B·j        p = -y_B·j / F                          q = x_B·j / F
                      ṗ = q r - (y_B·s + 2 Ḟ p) / F           q̇ = (x_B·s - 2 Ḟ q) / F - p r
@@ -135,10 +136,11 @@ def in_heading(vector: Vector | Acceleration | Jerk | Snap, sin_yaw: Row, cos_ya
 
 
 def attitude_from_quarter_turn(tilt: ThrustTilt, yaw: Row) -> Attitude:
-    """Return roll, pitch and yaw (zyx) of a body whose yaw is given in the sequence zxy.
+    """Return roll, pitch and yaw (zyx) of a body, given its yaw in the sequence zxy.
 
     Args:
-        tilt: roll and pitch (zyx) at the yaw ψ + π/2 of the axes that are rotated by π/2 about z_B.
+        tilt: roll and pitch (zyx), at the yaw ψ + π/2, of the axes that result from a rotation of the body's axes by
+            π/2 about z_B.
         yaw: yaw ψ in the sequence zxy, rad.
     """
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt

@@ -1,4 +1,4 @@
-"""Conversion between body rates and the rates of roll, pitch and yaw, eq (2), and Euler's equation of rotation."""
+"""Rates of roll, pitch and yaw, and body rates. Equation numbers refer to Kayacan and Maslim (2016)."""
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row, Torque

@@ -1,4 +1,4 @@
-"""Records with one value for each axis, or for each angle."""
+"""Named tuples with one value for each axis, or for each angle."""
 
 from typing import Literal, NamedTuple
 

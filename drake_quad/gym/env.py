@@ -66,7 +66,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             options: ignored.
 
         Returns:
-            The observation (rows,) and an empty dictionary.
+            The observation (components,) and an empty dictionary.
 
         Raises:
             InputError: if the seed is negative, too large, or not a whole number.
@@ -76,7 +76,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation[0], infos
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Simulate one tick for an action (rows,), and return the results that Gymnasium defines.
+        """Simulate one tick for an action (components,), and return the results that Gymnasium defines.
 
         Raises:
             InputError: if `QuadrotorVectorEnv.step` raises it.
@@ -89,7 +89,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation[0], float(rewards[0]), bool(terminations[0]), bool(truncations[0]), info
 
     def render(self) -> Any:
-        """Return a frame, (height, width, 3) uint8; None without a render mode."""
+        """Return an image of the vehicle, (height, width, 3) uint8; None without a render mode."""
         frames = self._vector.render()
         return None if frames is None else frames[0]
 

@@ -29,7 +29,7 @@ _TOTAL_EPISODES_AHEAD = 4096
 
 
 class Episode(NamedTuple):
-    """Sample of a study that is flown as an episode.
+    """Sample of a Monte Carlo study that is flown as an episode.
 
     Attributes:
         seed: seed of the study.

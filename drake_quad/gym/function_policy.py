@@ -21,7 +21,7 @@ class FunctionPolicy(LeafSystem):
 
     Args:
         scenario: scenario with a control of kind `policy`, such as the `scenario` of an environment.
-        function: function that returns (N, rows) actions, given (N, rows) observations in single precision.
+        function: function that returns (N, components) actions, given (N, components) observations in single precision.
         num_vehicles: number N of vehicles.
 
     Raises:

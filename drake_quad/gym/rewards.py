@@ -11,12 +11,12 @@ from drake_quad.signals import Reference, State
 
 
 class Transition(NamedTuple):
-    """Step of all N vehicles; the rows of records are (N,) arrays.
+    """Step of all N vehicles; the fields of its records are (N,) arrays.
 
     Attributes:
-        observation: (N, rows) observations after the step.
-        action: (N, rows) actions of the step.
-        last_action: (N, rows) actions of the previous step; in the first step, the action with which the nominal
+        observation: (N, components) observations after the step.
+        action: (N, components) actions of the step.
+        last_action: (N, components) actions of the previous step; in the first step, the action with which the nominal
             vehicle hovers.
         state: true states after the step.
         reference: references after the step.

@@ -20,7 +20,7 @@ class ActionLog:
     Args:
         num_vehicles: number N of vehicles.
         num_ticks: length of the longest episode in ticks.
-        num_actions: number of rows of an action.
+        num_actions: number of components of an action.
     """
 
     def __init__(self, num_vehicles: int, num_ticks: int, num_actions: int) -> None:
@@ -28,7 +28,7 @@ class ActionLog:
         self._ended: list[tuple[Episode, np.ndarray] | None] = [None] * num_vehicles
 
     def write(self, clocks: np.ndarray, actions: np.ndarray) -> None:
-        """Record actions (N, rows). The (N,) clocks are the numbers of ticks since the start of each episode."""
+        """Record actions (N, components). The (N,) clocks are the numbers of ticks since the start of each episode."""
         vehicles = np.flatnonzero(clocks < len(self._actions))
         self._actions[clocks[vehicles], vehicles] = actions[vehicles]
 
@@ -38,7 +38,7 @@ class ActionLog:
             self._ended[vehicle] = episode, self._actions[: clocks[vehicle], vehicle].copy()
 
     def actions(self, vehicle: int, clock: int, episode: Episode, *, ended_first: bool) -> tuple[Episode, np.ndarray]:
-        """Return an episode of a vehicle, and its (ticks, rows) actions.
+        """Return an episode of a vehicle, and its (ticks, components) actions.
 
         Args:
             vehicle: index of the vehicle.
@@ -64,7 +64,7 @@ def replay_episode(scenario: Scenario, plan: Plan, episode: Episode, actions: np
         scenario: scenario of the environment.
         plan: plan of the environment.
         episode: episode to simulate.
-        actions: (ticks, rows) actions.
+        actions: (ticks, components) actions.
     """
     tick = scenario.laboratory.command_link.period
     return simulate(
@@ -81,7 +81,7 @@ def action_source(actions: np.ndarray, tick: float) -> Any:
     """Return a `TrajectorySource` whose output is the action of each tick.
 
     Args:
-        actions: (ticks, rows) actions; the last action is held after its tick.
+        actions: (ticks, components) actions; the last action is held after its tick.
         tick: control period, s.
     """
     # Actions change halfway between two ticks, so that rounding errors of the time have no effect.

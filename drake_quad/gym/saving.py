@@ -69,8 +69,8 @@ def save_policy(
         layers: layers of the network, starting at the observation.
         path: path of the .yaml file, whose name becomes the name of the controller. The arrays of the network are
             written to an .npz file in the same folder.
-        offset: (rows,) offsets; zero if not given.
-        scale: (rows,) factors; one if not given.
+        offset: (components,) offsets; zero if not given.
+        scale: (components,) factors; one if not given.
         limit: largest absolute value of x; unlimited if not given.
 
     Returns:
@@ -159,7 +159,7 @@ def evaluate_layers(
     scale: np.ndarray | None = None,
     limit: float | None = None,
 ) -> np.ndarray:
-    """Return the actions (k, rows) of a network for observations (k, rows), saturated at ±1; see `save_policy`."""
+    """Return the actions of a network for k observations, (k, components), saturated at ±1; see `save_policy`."""
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
     specified = [Layer(*each) for each in layers]
     neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in specified])

@@ -29,6 +29,7 @@ from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import Overrides
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import SIGNALS
+from drake_quad.user_code import describe_callable, takes_one_argument
 
 # Output ports that are read at every step. Users can request further ports.
 _REQUIRED_OUTPUTS = ("observation", "state", "reference")
@@ -108,8 +109,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if plan is not None and not isinstance(plan, Plan):
             raise InputError(f"plan is {short_repr(plan)}, but must be a Plan")
         for name, function in (("reward", reward), ("terminates", terminates)):
-            if not callable(function):
-                raise InputError(f"{name} is {short_repr(function)}, but must be a function of a Transition")
+            if not takes_one_argument(function):
+                what = describe_callable(function) if callable(function) else short_repr(function)
+                raise InputError(f"{name} is {what}, but must be a function of a Transition")
         modes = [str(mode.value) for mode in AutoresetMode]
         if autoreset_mode not in [*AutoresetMode, *modes]:
             raise InputError(f"autoreset_mode is {short_repr(autoreset_mode)}, but must be one of {join_names(modes)}")
@@ -175,7 +177,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 episode.
 
         Returns:
-            The observations (N, rows) and an empty dictionary.
+            The observations (N, components) and an empty dictionary.
 
         Raises:
             InputError: if a seed is negative or too large, or the mask has the wrong shape or type.
@@ -202,7 +204,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray | Sequence[Any]) -> StepResult:
-        """Simulate all vehicles for one tick, for actions (N, rows), and return the results that Gymnasium defines.
+        """Simulate one tick for actions (N, components) of all vehicles, and return the results that Gymnasium defines.
 
         The flight uses actions clipped to the action space, for example if they are samples of a normal distribution.
         Rewards and observations use the original actions.
@@ -301,7 +303,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._action_log.end(vehicles, self._fleet.clocks, episodes)
 
     def _begin(self, vehicles: np.ndarray) -> np.ndarray:
-        """Start the next episodes of some vehicles, and return their observations (k, rows)."""
+        """Start the next episodes of some vehicles, and return their observations (k, components)."""
         initial = self._episodes.begin(vehicles)
         self._fleet.restart(vehicles, initial)
         self._is_over[vehicles] = False
@@ -313,11 +315,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return single_precision(initial.outputs[:, self._fleet.columns("observation")])
 
     def _observation(self) -> np.ndarray:
-        """Return the observations (N, rows) in single precision, as policies receive them."""
+        """Return the observations (N, components) in single precision, as policies receive them."""
         return single_precision(self._fleet.outputs("observation"))
 
     def _checked_actions(self, values: Any) -> np.ndarray:
-        """Return actions as an array (N, rows).
+        """Return actions as an array (N, components).
 
         Raises:
             InputError: if the actions have the wrong shape, are not real numbers, are not finite, or are too large.

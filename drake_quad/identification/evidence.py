@@ -47,7 +47,7 @@ class Evidence(NamedTuple):
         names: (p,) names of the parameters.
         values: (p,) estimates from all windows.
         scales: (p,) standard deviations of the prior.
-        information: (W, p, p) Jᵀ J of each window, in the order of flight.
+        information: (W, p, p) Jᵀ J of each window, in the order of time.
         scores: (W, p) Jᵀ e of each window.
         duration: duration of all windows together, s.
     """

@@ -30,12 +30,13 @@ _RELATIVE_STEP = 1e-5
 _DELAY_STEP = 0.5
 _MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the parameters and of the noise
 # The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
-# and each logarithm of the disturbance changes by less than `_LOG_DISTURBANCE_TOLERANCE`.
+# and the logarithm of each standard deviation of the disturbance changes by less than `_LOG_DISTURBANCE_TOLERANCE`.
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
 _MAX_NUM_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# A search increases the log-likelihood by at most this multiple of the increase that the derivatives at its start
-# predict. A smaller disturbance that would require a larger increase is not fitted.
+# The derivatives at the start of a search predict how much it can increase the log-likelihood. The actual increase is
+# assumed to be at most this multiple of the prediction. If even this would not exceed the likelihood with the larger
+# disturbance, the smaller disturbance is not fitted.
 _MAX_GAIN_RATIO = 3.0
 # Rounds in which smaller disturbances are tried: at the start, and when the parameters have nearly converged.
 _TRIAL_ROUNDS = (1, 4)
@@ -58,7 +59,8 @@ _LOG_STEP = 1e-4
 _MAX_LOG_CHANGE = 2.5
 _MAX_SCORING_STEPS = 5  # largest number of Fisher scoring steps in a round
 _LIKELIHOOD_TOLERANCE = 0.1  # scoring ends when a step increases the log-likelihood by less than this
-_INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps; also the weak prior information in `noise_covariance`
+_INITIAL_DAMPING = 1e-3  # scale of the initial damping of scoring steps
+_WEAK_PRIOR = 1e-3  # information added to each noise parameter, so that the total information is invertible
 MIN_NOISE = 1e-5
 """Smallest estimated standard deviation of a measurement, in the SI unit of the signal."""
 _MAX_NOISE = 100.0  # largest estimated standard deviation of a measurement, in the SI unit of the signal
@@ -73,7 +75,7 @@ _MAX_CORRELATION_TIME = 20.0  # s, longest correlation time of the disturbance
 _MAX_THRUST_CORRELATION_TIME = 0.25
 # The fit has diverged if the noise or the disturbance exceeds this fraction of its upper limit.
 _DIVERGENCE_RATIO = 0.99
-# If there are fewer windows than this, each is divided into parts, so that the scatter is estimated from many parts.
+# If there are fewer windows than this, each is divided into parts, so that the uncertainty is computed from many parts.
 _MIN_NUM_PARTS = 60
 
 
@@ -243,8 +245,8 @@ class _Point(NamedTuple):
         gains: gains of the filter.
         errors: (W, k) whitened errors.
         jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
-        states: (rows, W) state of each window at the sample where the next window starts.
-        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
+        states: (components, W) state of each window at the sample where the next window starts.
+        state_jacobian: (components, p, W) derivatives of the states with respect to the parameters.
         likelihood: log-likelihood of the measurements.
     """
 
@@ -311,7 +313,7 @@ def _best_point(
 ) -> _Point:
     """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
 
-    The search is omitted if its log-likelihood would certainly be smaller than `min_likelihood`.
+    The search is omitted if it can hardly reach a log-likelihood of `min_likelihood`; see `_MAX_GAIN_RATIO`.
     """
     prior_mean, scale = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
@@ -345,7 +347,7 @@ def _best_point(
     first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
     if np.isfinite(min_likelihood):
         point, residuals, _ = evaluate(first)
-        # The last residual is the one that no change of the parameters reduces, if the errors are linear.
+        # If the errors are linear in the parameters, the fit reduces all residuals to zero except the last one.
         predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
         if point.likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
             return point
@@ -385,8 +387,8 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
     """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
 
     Args:
-        values: (a, b, 1 + p + 1) values at a point, then with each parameter increased in turn, then with the delay
-            reduced.
+        values: (a, b, 1 + p + 1) values of a function of the parameters, whose result is an (a, b) array: at a point,
+            then with each parameter increased in turn, then with the delay reduced.
         increases: (p,) increases of the parameters.
         delay_index: index of the delay among the parameters; None if the delay is fixed.
     """
@@ -430,7 +432,8 @@ def _noise_of(predictor: Predictor, gains: Gains, chosen: np.ndarray | None = No
         step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
         trial = log_noise.copy()
         trial[free] = np.clip(log_noise[free] + step, lower[free], upper[free])
-        # Many steps are rejected, so derivatives are computed only for a step that is accepted and followed by another.
+        # Many steps are rejected. Derivatives are therefore computed only after a step is accepted, and not after the
+        # last.
         likelihood, *_ = _likelihood_of(predictor, gains, trial, chosen, free[:0])
         gain = likelihood - best
         if not gain > 0.0:
@@ -453,7 +456,7 @@ def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     log_noise, windows = np.log(np.concatenate(fitted.noise))[group_rows], np.arange(len(predictor.windows))
     all_groups = np.arange(len(log_noise))
     _, _, information = _likelihood_of(predictor, fitted.gains, log_noise, windows, all_groups)
-    return np.asarray(np.linalg.inv(information + _INITIAL_DAMPING * np.eye(len(log_noise)))[np.ix_(groups, groups)])
+    return np.asarray(np.linalg.inv(information + _WEAK_PRIOR * np.eye(len(log_noise)))[np.ix_(groups, groups)])
 
 
 def _likelihood_of(

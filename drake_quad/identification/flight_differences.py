@@ -75,7 +75,7 @@ def flight_differences(
 
 
 def _flights(predictor: Predictor, count: int) -> np.ndarray:
-    """Return the record index (count,) of each window, or of each part if all windows are divided into equal parts."""
+    """Return the flight index (count,) of each window, or of each of the equal parts into which windows are divided."""
     return np.repeat([window.record for window in predictor.windows], count // len(predictor.windows))
 
 
@@ -123,8 +123,8 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     forces = []
     for axis, (varying, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
-        # The gains contain the disturbance predicted for the next sample. Dividing the varying component by its decay
-        # gives the disturbance at this sample.
+        # `gains.disturbance` is the prediction for the next sample. Dividing its varying component by the decay gives
+        # the disturbance at this sample.
         components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
         forces.append(components[0] / decay[axis] + components[1])
     return np.stack(forces).swapaxes(1, 2)
@@ -179,7 +179,7 @@ def within_flights(evidence: Evidence, predictor: Predictor, differences: Sequen
 def with_differences(
     estimates: Estimates, differences: Sequence[FlightDifference], scenario: Scenario, duration: float
 ) -> Estimates:
-    """Return the estimates with the mean trim force, and with the variation of thrust and trim force between flights.
+    """Add the mean trim force, and the variation of thrust and trim force between flights, to the estimates.
 
     The estimates are returned unchanged if there are fewer than three flights.
 

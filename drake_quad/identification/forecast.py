@@ -15,7 +15,7 @@ from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.windows import wrapped_angles
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
-# First row of each signal's rates of change in the model state.
+# First state component of the rates of change of each signal.
 _RATE_ROWS = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
 
 

@@ -22,7 +22,8 @@ from drake_quad.statistics.interval import plus_minus
 
 # Largest half-width of the 95 % interval of an identified parameter, relative to the scale of the parameter.
 _MAX_RELATIVE_HALF_WIDTH = 1.0
-# Largest disturbing force along z, averaged over `_FORCE_WINDOW`, relative to the weight. It is 0.03 in strong wind.
+# Largest disturbing force along z, averaged over `_FORCE_WINDOW`, relative to the weight. Strong wind causes a force of
+# 0.03.
 _MAX_VERTICAL_FORCE_RATIO = 0.15
 _FORCE_WINDOW = 0.5  # s, duration over which the disturbing force is averaged
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
@@ -135,7 +136,7 @@ def unexcited_parameters(logs: PreparedLogs, parameters: Sequence[Parameter], fi
 
 
 def undetermined_parameters(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
-    """Return a reason for each parameter that logs of this vehicle cannot determine, however it is flown."""
+    """Return a reason for each parameter that no log of this vehicle can determine."""
     reasons = {"mass": "motion determines forces only relative to the mass, so weigh the vehicle"}
     if "inertia[2]" in names:
         reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], whose estimate assumes the given value"

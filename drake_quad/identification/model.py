@@ -71,7 +71,7 @@ from drake_quad.vehicle.stepping import VehicleState, flying_step, rotor_target
 NUM_BODY = len(State._fields)
 NUM_DISTURBANCE = 8
 NUM_ROTORS = len(RotorSpeed._fields)
-# First row of each signal in the model state.
+# First component of each signal in the model state.
 STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
 
 DELAY = "delay"
@@ -452,7 +452,7 @@ class WindowInputs(NamedTuple):
 class ModelFlight:
     """Flight of the model in W windows at once, for K sets of parameters.
 
-    A state (NUM_BODY + NUM_DISTURBANCE, K, W) contains the rows of the body, and then those of the disturbance.
+    A state (NUM_BODY + NUM_DISTURBANCE, K, W) contains the components of the body, and then those of the disturbance.
 
     Args:
         model: model of the vehicle.
@@ -487,7 +487,7 @@ class ModelFlight:
         return self._command[:NUM_ROTORS]
 
     def _run(self, formula: Any, *rows: np.ndarray) -> None:
-        """Run a formula of the model, given the rows of its results, and of its inputs before the parameters."""
+        """Call a formula of the model with arrays of its results and inputs; the parameters are its last argument."""
         formula(self._size, 0.0, *(each.reshape(-1) for each in rows), self._numbers)
 
     def _read_inputs(self) -> None:

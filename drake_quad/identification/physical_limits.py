@@ -26,8 +26,8 @@ _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 # Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
-# point. Identified moments of inertia have errors of at least 0.1 %, so the limit excludes no flat vehicle. If the data
-# sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
+# point. Identified moments of inertia have errors of at least 0.1 %, so even flat vehicles are above the limit. If the
+# data sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
 _MIN_SECOND_MOMENT = 1e-3
 # Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.
 _MAX_IDLE_THRUST = 0.5

@@ -32,9 +32,9 @@ from drake_quad.identification.model import (
 from drake_quad.identification.windows import LogWindow, WindowSizes, wrapped_angles
 
 FORCE = "specific_force"
-# Rows of roll, pitch and yaw in the state.
+# State components of roll, pitch and yaw.
 _ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
-# Finite-difference steps for the linearisation of the filter, each in the unit of its state row.
+# Finite-difference steps for the linearisation of the filter, each in the unit of its state component.
 _LINEARISATION_STEPS = np.append(np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3), [1e-3, 1e-3])
 # Standard deviation of the constant horizontal specific force, m/s², which represents the force of an unlogged wind.
 _CONSTANT_FORCE_DEVIATION = 1.0
@@ -108,12 +108,12 @@ class Gains(NamedTuple):
     """Gains of the filter at T measurements in W windows, and its linearisation around its predictions.
 
     Attributes:
-        gain: (T, n, m, W) Kalman gains for the n rows of the state that are estimated, and m outputs.
+        gain: (T, n, m, W) Kalman gains for the n state components that are estimated, and m outputs.
         whitening: (T, W, m, m) inverse Cholesky factors of the covariances of the prediction errors.
         transition: (T, W, n, n) transition matrices to the next measurement.
         output: (T, W, m, n) derivatives of the outputs with respect to the state.
         errors: (T, m, W) prediction errors.
-        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in all other rows of the state.
+        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in all other state components.
         initial_covariance: (W, n, n) covariance of the state at the first measurement.
         final_covariance: (W, n, n) covariance of the state at the measurement where the next window starts.
         noise: noise for which the gains were computed.
@@ -187,7 +187,8 @@ class Predictor:
         self.measured = np.ascontiguousarray(np.transpose(measured, (2, 0, 1)))
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
-        # A specific force is not a row of the state. `_predicted` replaces the values of row 0.
+        # The specific force is not part of the state. Its outputs read component 0 here, and `_predicted` replaces the
+        # values.
         self._output_rows = [STATE_ROWS.get(signal, 0) + column for signal, column in outputs]
         self.rows = _estimated_rows(signals, model.frame)
         self._deviations = _INITIAL_DEVIATIONS.copy()
@@ -237,7 +238,7 @@ class Predictor:
         return state
 
     def _begin(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
-        """Return the model flight at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
+        """Return the model flight at the first measurement for (K, p) parameters, and its state (components, K, W)."""
         flight = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
         state, jacobian, reference, _, _ = self.initial
         return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", jacobian, parameters - reference)
@@ -277,7 +278,7 @@ class Predictor:
         return errors
 
     def process_noise(self, noise: PredictionNoise) -> np.ndarray:
-        """Return the variance (n,) that is added to each row of the state between two measurements."""
+        """Return the variance (n,) that is added to each state component between two measurements."""
         variances = np.zeros(NUM_BODY + NUM_DISTURBANCE)
         variances[NUM_BODY:] = noise.stationary**2 * (1.0 - noise.decay(self.period) ** 2)
         return variances[self.rows]
@@ -361,7 +362,7 @@ class Predictor:
         return errors, kept_state
 
     def open_loop(self, parameters: np.ndarray, gains: Gains, steps: Sequence[int]) -> list[np.ndarray]:
-        """Return the measured states (12, 2, W) at the last measurement before each window, and after each of `steps`.
+        """Return the measured states (12, 2, W) at the last measurement before each window, and at later times.
 
         The filter uses the measurements before the window. From then on, the states follow from the commands alone.
         The first of the two states is simulated without a disturbance. The second one is simulated with the estimated
@@ -389,7 +390,7 @@ class Predictor:
         return states
 
     def _measured(self, state: np.ndarray) -> np.ndarray:
-        """Return the measured states (12, K, W) for states (rows, K, W) of the filter."""
+        """Return the measured states (12, K, W) for states (components, K, W) of the filter."""
         body = state[:NUM_BODY]
         return self.model.measured_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 
@@ -440,7 +441,8 @@ class Predictor:
             update = _update(covariance, output, measurement_noise)
             first_errors = filter_errors[j] - output @ deviation
             corrected = deviation + update.gain @ first_errors - corrections[j]
-            # A changed correlation time changes the decay of the filter's disturbance, which adds to the deviation.
+            # If the correlation time changes, the disturbance of the filter decays differently. The difference adds to
+            # the deviation of the state.
             propagated = transition @ corrected
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
@@ -466,7 +468,7 @@ class _OtherNoises:
     product serves all sets.
 
     Args:
-        ratios: (1 + c, n) factors by which the n rows of the state decay, relative to the filter that was linearised.
+        ratios: (1 + c, n) factors by which the n state components decay, relative to the filter that was linearised.
         variances: (1 + c, n) variances of the process noise.
         measurement_variances: (1 + c, m) variances of the measurement noise.
         covariances: (1 + c, w, n, n) covariances of the state at the first measurement.
@@ -507,7 +509,7 @@ class _OtherNoises:
             output: (w, m, n) output matrices.
             transition: (w, n, n) transition matrices.
             errors: (w, m, 1) prediction errors of the filter with the first noise.
-            disturbed: (w, n, 1) disturbance in the next state, before it decays with `ratios`.
+            disturbed: (w, n, 1) disturbance in the next state, before the factors `ratios` are applied.
             propagated_covariance: (w, n, n) covariances A P Aᵀ with the first noise.
 
         Returns:
@@ -545,7 +547,7 @@ def _right_product(stacked: np.ndarray, matrices: np.ndarray) -> np.ndarray:
 
 
 def _estimated_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
-    """Return the state rows that the filter estimates: the rows on which the outputs depend."""
+    """Return the indices of the state components that the filter estimates: those on which the outputs depend."""
     position, attitude, velocity, _ = (set(range(row, row + 3)) for row in STATE_ROWS.values())
     force, constant = set(range(NUM_BODY, NUM_BODY + 3)), set(range(NUM_BODY + 6, NUM_BODY + NUM_DISTURBANCE))
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))

@@ -181,7 +181,7 @@ def prepare(
     *,
     attitude_is_estimated: bool = False,
 ) -> tuple[PreparedLogs, Scenario]:
-    """Prepare logs for the model. Return them, and the initial scenario, whose values the estimates replace.
+    """Return logs in the form that the model requires, and the initial scenario, whose values the estimates replace.
 
     Args:
         records: records of flights of the same vehicle.

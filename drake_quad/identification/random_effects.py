@@ -185,7 +185,7 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
         return uncertainty
     long_blocks = FlightSegments.of(evidence).uncertainty()
     variances = np.diag(uncertainty.covariance)
-    # The jackknife variance of a parameter that a single block determines is zero.
+    # If a single block determines a parameter, its jackknife variance is zero.
     increase = ratio(np.diag(long_blocks.covariance), variances, 1.0)
     varies = (np.diag(variation.covariance) > 0.0) & (increase > 1.0)
     factors = np.where(varies, np.sqrt(np.maximum(increase, 1.0)), 1.0)

@@ -17,7 +17,7 @@ from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import gaps
 
-# Specific force along any axis above which a sample counts as a collision, m/s².
+# A sample with a larger specific force along any axis, in m/s², counts as a collision.
 _COLLISION_FORCE = 2.0 * 9.81
 # Time before and after unusable samples that is excluded, s, since the vehicle may be crashing or in ground effect.
 _EXCLUDED_TIME = 1.0
@@ -187,7 +187,7 @@ def split_into_windows(
                 windows.append(LogWindow(index, start))
                 start += sizes.length
             else:
-                # The next window can start only after the last unusable sample, or after the last gap.
+                # The next window starts after the last unusable sample, or the last gap, in this window.
                 obstacles = np.flatnonzero(~usable[first : last + 1] | (piece[first : last + 1] != piece[last]))
                 start = first + int(obstacles[-1]) + 1 + sizes.settle
     return windows

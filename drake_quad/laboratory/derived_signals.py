@@ -1,6 +1,6 @@
 """Scalar signals that are computed from the signals of a diagram at one tick.
 
-A scalar signal is a row of a signal, such as `state.z`, or a derived signal, which is a registered formula:
+A scalar signal is a component of a signal, such as `state.z`, or a derived signal, which is a registered formula:
 
     @derived_signal("m/s", value_range="nonnegative")
     def speed(state):
@@ -22,18 +22,18 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class RowSelector(NamedTuple):
-    """Formula that returns a row of a record, given the name of the row."""
+    """Formula that returns a component of a signal, given the name of the component."""
 
     name: str
 
     def __call__(self, record: Any) -> Row:
-        """Return the row."""
+        """Return the component."""
         row: Row = getattr(record, self.name)
         return row
 
 
 class ScalarSignal(NamedTuple):
-    """Scalar signal.
+    """Signal with a single value per tick, and the formula that computes it.
 
     Attributes:
         name: name of the signal, such as `tilt` or `state.z`.
@@ -76,7 +76,7 @@ def derived_signal(unit: str, *, value_range: ValueRange = "real") -> Callable[[
 
 
 def scalar_signal(name: str) -> ScalarSignal:
-    """Return the scalar signal with a name: a derived signal, or a row such as `state.z`.
+    """Return the scalar signal with a name: a derived signal, or a component such as `state.z`.
 
     Raises:
         InputError: if there is no such signal.
@@ -89,10 +89,12 @@ def scalar_signal(name: str) -> ScalarSignal:
         if row in rows:
             return ScalarSignal(name, rows[row].unit, cast(Callable[..., Row], RowSelector(row)), (signal,))
         rows_text = join_names([f"{signal}.{each}" for each in rows]) if rows else "none that have names"
-        raise InputError(f"{short_repr(name)} is not a row of the signal {signal}; its rows are {rows_text}")
+        raise InputError(
+            f"{short_repr(name)} is not a component of the signal {signal}; its components are {rows_text}"
+        )
     raise InputError(
-        f"{short_repr(name)} is neither a row of a signal, such as state.z, nor a derived signal; derived signals are"
-        f" {join_names([*DERIVED_SIGNALS])}"
+        f"{short_repr(name)} is neither a component of a signal, such as state.z, nor a derived signal; derived"
+        f" signals are {join_names([*DERIVED_SIGNALS])}"
     )
 
 

@@ -4,9 +4,9 @@ The following diagram shows when the rotors respond to a change of the state (�
 tick every 20 ms, and a link delay of one tick:
 
     time             0      10     20     30     40     50     60 ms
-    frame            ●━━━━━━◆━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     samples the state at its instant
-    tick, sent       ●━━━━━━━━━━━━━◆━━━━━━━━━━━━━●━━━━━━━━━━━━━○     uses the previous frame, 10 ms old
-    rotor command    ●━━━━━━━━━━━━━●━━━━━━━━━━━━━◆━━━━━━━━━━━━━○     one tick later
+    frame            ●━━━━━━◆━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     contains the state at this time
+    command sent     ●━━━━━━━━━━━━━◆━━━━━━━━━━━━━●━━━━━━━━━━━━━○     follows from the previous frame
+    rotor command    ●━━━━━━━━━━━━━●━━━━━━━━━━━━━◆━━━━━━━━━━━━━○     arrives one tick later
 
 A change just before the frame at 10 ms affects the rotor commands 30 ms later. A change just after this frame first
 appears in the frame at 20 ms. No control tick uses that frame, so the change first affects a control tick through the

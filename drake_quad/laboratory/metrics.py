@@ -144,8 +144,8 @@ class Metric(NamedTuple):
         label: label in tables and plots.
         accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
         value: function that returns the (N,) values of the metric. Its arguments are the record of the sums with (N,)
-            rows, the (N,) numbers of ticks, which are NaN instead of 0, and the duration of a tick, s. For a metric of
-            a recorded flight, the function returns the metric of a flight.
+            values, the (N,) numbers of ticks, which are NaN instead of 0, and the duration of a tick, s. For a metric
+            of a recorded flight, the function returns the metric of a flight.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
         value_range: range of the metric. Intervals do not extend beyond it, and only metrics that cannot be negative
@@ -174,7 +174,7 @@ class Metric(NamedTuple):
 
     @property
     def value_of_crash(self) -> float:
-        """Value that a crash counts as in quantiles and comparisons: infinitely bad."""
+        """Infinite value that replaces the metric of a crashed flight in quantiles and comparisons."""
         return -math.inf if self.larger_is_better else math.inf
 
     @property
@@ -238,7 +238,7 @@ class SaturationSums(NamedTuple):
 
 
 def add_shortfall(sums: SaturationSums, shortfall: Wrench) -> SaturationSums:
-    """Add a tick with the part of the wrench that the rotors cannot produce."""
+    """Count a tick as saturated if `shortfall`, the part of the wrench that the rotors cannot produce, is not zero."""
     complete = True
     for part in shortfall:
         complete = complete & (part == 0.0)
@@ -419,7 +419,7 @@ def compute_metrics(
     """Return the metrics of each vehicle. Metrics of a recorded flight are NaN.
 
     Args:
-        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as values.
         crash_time: (N,) crash times, s; infinite for a vehicle that did not crash.
         period: duration of a tick, s.
         kind: class of the metrics, from `metrics_type`.
@@ -443,7 +443,7 @@ def metric_values(names: Iterable[str], sums: Sums, period: float, kind: type[Me
 
     Args:
         names: names of metrics that are not computed from a recorded flight.
-        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as values.
         period: duration of a tick, s.
         kind: class of the metrics, from `metrics_type`.
 

@@ -70,7 +70,7 @@ class CameraParameters(NamedTuple):
 
 
 class Cameras(NamedTuple):
-    """Parameters of the cameras, as the context stores them.
+    """Parameters of the cameras, as they are stored in Drake's context.
 
     Attributes:
         errors: errors of the cameras.
@@ -179,7 +179,7 @@ def next_frame(
 
     Args:
         state: true state of the vehicle.
-        out: available frame before the update.
+        out: frame that the output contained before the update.
         in_transit: earlier frames that are not yet available, the latest one first.
         before: pose two frames before this one; None without a filter.
         drift: velocity drift in the previous frame; None if there is no drift.
@@ -288,7 +288,7 @@ def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_aft
 
 
 def _zero_state(_: CameraParameters) -> State:
-    """Return the initial state, zero in all rows, which the first frame replaces."""
+    """Return an initial state whose values are all zero; the first frame replaces it."""
     return State(*(0.0,) * len(State._fields))
 
 
@@ -314,12 +314,13 @@ class MotionCapture(FleetSystem):
         v⁺ = a v + (1 - a) (x⁺ - x⁻) / 2h,    a = exp(-ω h)
 
     where x⁻, x and x⁺ are successive samples. White noise of standard deviation σ in x causes noise of standard
-    deviation σ (1 - a) / (√2 h) in v. Most of the noise of differences over a single frame would be at a frequency that
-    a controller with every second frame aliases to zero, so that the vehicle would drift. Differences over two frames
-    contain no noise at this frequency, at the cost of half a frame of additional delay. Body rates are estimated in the
-    same way from the rotation over two frames. For small changes of roll, pitch and yaw, this rotation follows from
-    eq (2) with the differences of these angles and the attitude in the middle frame. Without a filter, velocity and
-    body rates are measured exactly. A frame is available `latency_frames` periods after it was taken.
+    deviation σ (1 - a) / (√2 h) in v. If differences were taken over a single frame, most of their noise would have a
+    frequency that is aliased to zero by a controller that uses every second frame, and the vehicle would drift.
+    Differences over two frames contain no noise at this frequency, at the cost of half a frame of additional delay.
+    Body rates are estimated in the same way from the rotation over two frames. For small changes of roll, pitch and
+    yaw, this rotation follows from eq (2) with the differences of these angles and the attitude in the middle frame.
+    Without a filter, velocity and body rates are measured exactly. A frame is available `latency_frames` periods after
+    it was taken.
 
     Two further velocity errors represent on-board estimators that use an accelerometer. `velocity_error` is a
     relative scale error on each axis of W, as observed in some flights of the Crazyflie. `velocity_drift` is the

@@ -9,8 +9,8 @@ and the largest if one is sufficient. The robustness of a requirement over the t
     φ until ψ          max over t of min(μ_ψ(t), min of μ_φ(t') over the times 0 ≤ t' < t)
 
 (A. Donzé and O. Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010). A requirement
-is satisfied if its robustness is at least 0. The robustness is the amount by which the signals could change before this
-changes. Times are ticks of the control.
+is satisfied if its robustness is at least 0. The magnitude of the robustness is the amount by which the signals must
+change to change whether the requirement is satisfied. Times are control ticks.
 """
 
 import math
@@ -149,7 +149,7 @@ def _is_within(time: Row, start: float, end: float) -> bool:
 
 def robustness(sums: RobustnessSums, ticks: Any, _: float) -> Any:
     """Return the robustness; NaN if no tick was in the time window."""
-    return np.where(np.isinf(sums.value), np.nan, sums.value)
+    return np.where((sums.value == math.inf) | (sums.value == -math.inf), np.nan, sums.value)
 
 
 def always(condition: Condition, start: float, end: float) -> Accumulator:

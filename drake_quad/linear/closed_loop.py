@@ -56,8 +56,8 @@ class ClosedLoop(NamedTuple):
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method solves x = Φ(x), starting in hover at the reference. A PD has a steady error in wind, or if the
-    vehicle is asymmetric.
+    Newton's method solves x = Φ(x), starting in hover at the reference. A PD controller has a steady error in wind
+    and if the vehicle is asymmetric.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -73,10 +73,10 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Return the closed loop from offsets on the command link's signals to the sums of signal and offset.
+    """Return the closed loop from offsets on the command link's signals to the signals with their offsets.
 
     The inputs of the system are `injection.0`, `injection.1`, ..., and its outputs are `injected.0`, `injected.1`, ...,
-    one for each row of the command.
+    one for each component of the command.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -91,7 +91,8 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     for name, other in loop_periods(resting).items():
         if other > period:
             raise InputError(
-                f"{name} is {other:g} s, but must be at most {period:g} s, the link period, for margins at the link"
+                f"{name} is {other:g} s, but must be at most {period:g} s, the period of the command link,"
+                " for the computation of margins"
             )
     user_systems = UserSystems(position_controller, control)
     diagram = build_fleet_diagram(
@@ -107,7 +108,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     """Return the closed loop from noise and turbulence to the state of the vehicle.
 
     The inputs of the linear system are the standard normal numbers that all random streams supply in a period. Its
-    outputs are the rows of `state`.
+    outputs are the components of `state`.
 
     Args:
         hovering: scenario from `in_hover`.
@@ -231,7 +232,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
-    """Return the wrench that, according to the nominal model, commands given rotor speeds."""
+    """Return the wrench from which the nominal model computes the given rotor speeds as commands."""
     nominal, commanded = nominal_parameters(resting), hover
     known_curve, known = resting.vehicle.effect_parameters().thrust_curve, resting.nominal.motors.thrust_curve()
     if known_curve is not None and known is not None:
@@ -251,7 +252,7 @@ def wrench_of_rotors(resting: Scenario) -> np.ndarray:
     """Return the matrix (4, 4) from changes of the rotor speeds to changes of scaled thrust and torques near hover.
 
     Raises:
-        InputError: the rotors cannot hold the vehicle in hover.
+        InputError: if the rotors cannot hold the vehicle in hover.
     """
     return _wrench_pattern(_hover_speeds(resting), vehicle_parameters(resting.vehicle))
 

@@ -22,7 +22,7 @@ class _Group(NamedTuple):
 
 
 def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of each leaf system in a diagram, as names; subsystems named in `without` are left out."""
+    """Yield the path of each leaf system in a diagram, as a tuple of names, except for subsystems in `without`."""
     for part in diagram.GetSystems():
         name = part.get_name()
         if name in without:
@@ -36,8 +36,9 @@ def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tup
 class ContextVector:
     """Vector of a diagram's state, leaf system by leaf system, and optionally of its numeric parameters.
 
-    An element's name consists of its system's path, its group and its row, as in `laboratory.vehicle.state.pitch`. The
-    layout is the same for all scalar types of the diagram. State groups with `is_scheduled` are left out.
+    An element's name consists of the path of its system and the names of the state group (or parameter) and of the
+    component, as in `laboratory.vehicle.state.pitch`. The layout is the same for all scalar types of the diagram. State
+    groups with `is_scheduled` are left out.
 
     Args:
         diagram: diagram to which the contexts belong.
@@ -66,7 +67,7 @@ class ContextVector:
             first = end
 
     def vehicle_rows(self, num_vehicles: int) -> np.ndarray:
-        """Return the indices (n, N) of the numbers of each vehicle, for the diagram of a fleet of N vehicles."""
+        """Return the indices (n, N) of the elements of each vehicle, for the diagram of a fleet of N vehicles."""
         rows, first = [], 0
         for group in self._groups:
             size = len(group.names)
@@ -87,7 +88,7 @@ class ContextVector:
 
 
 def port_rows(port: str, size: int) -> tuple[str, ...]:
-    """Return the row names of a port for one vehicle: the names in its signal's record if it has one, else indices."""
+    """Return the component names of a port for one vehicle: names of known signals, such as `state.x`, or indices."""
     names = row_names(port, size) if port in SIGNALS else map(str, range(size))
     return tuple(f"{port}.{name}" for name in names)
 
@@ -126,7 +127,7 @@ def scheduled_groups(system: Any) -> list[int]:
 def _names(
     path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
 ) -> tuple[str, ...]:
-    """Return the names of a vector's elements: row names in a FleetSystem, and indices in other systems."""
+    """Return the names of a vector's elements, which end with a component name (FleetSystem) or an index."""
     if isinstance(system, FleetSystem):
         (part,) = [part for part in getattr(system, kind).values() if part.index == number]
         rows = [".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names]

@@ -81,7 +81,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
-    # At given rotor speeds, throttle curve, battery and slung load do not disturb the path.
+    # At given rotor speeds, throttle curve, battery and slung load cause no disturbing acceleration.
     effects = fleet.vehicle.effect_parameters()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = rotor_state(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
@@ -134,11 +134,11 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context, samples = simulator.get_mutable_context(), []
-    other_rows = np.zeros(9)  # wind depends only on the position
+    other_components = np.zeros(9)  # of the state; wind depends only on the position
     for time, point in zip(times, position.T, strict=True):
         if depends_on_position:
-            diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_rows], N))
-        # The pending events include the noise samples of this instant.
+            diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_components], N))
+        # AdvanceTo does not execute the events at its end time, which draw the noise samples of this instant.
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
         samples.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))

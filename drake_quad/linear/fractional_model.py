@@ -7,8 +7,8 @@ constant as exp(-t/τ). A linear fractional model
 
 has the structure that bounds of the structured singular value need. For each parameter, L, R and the diagonal block of
 N are a realisation of a polynomial of second degree (B. Ho and R. Kalman, 1966). The other blocks of N contain the
-products of parameters. Powers and singular values that are left out are an error of the model. It is represented by an
-unknown matrix with the largest error of the exact loops, as if it were another uncertain block.
+products of parameters. The model omits higher powers and small singular values. This error is represented by an unknown
+matrix that is as large as the largest error at the exact loops, as if it were another uncertain block.
 """
 
 from itertools import combinations, pairwise, product
@@ -20,10 +20,10 @@ import scipy
 from drake_quad.linear.structured_singular_value import Block, PeakBound, peak_mu_bound
 
 _RANK_TOLERANCE = 3e-4  # smallest singular value of a realisation, relative to the largest one of all parameters
-_RIDGE = 1e-3  # regularisation of mixed terms, relative
-_ERROR_TOLERANCE = 1e-2  # smallest singular value of all errors that is modelled, relative to the largest one
+_RIDGE = 1e-3  # regularisation of the fit of mixed terms, relative to the norm of its equations
+_ERROR_TOLERANCE = 1e-2  # relative to the largest singular value of the errors; smaller ones are not modelled
 _MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
-_ERROR_FACTOR = 1.5  # allowance for larger errors between the points
+_ERROR_FACTOR = 1.5  # factor on the errors at the fitted points, since errors between these points may be larger
 _MAX_CORNERS = 64  # largest number of corners of the box in a fit
 STEPS = (-1.0, -0.5, 0.5, 1.0)
 """Points on the axis of each parameter to which a model is fitted."""
@@ -64,7 +64,7 @@ class FractionalModel(NamedTuple):
 
         Args:
             tolerance: relative accuracy.
-            stop: bound that is good enough.
+            stop: the search ends at a bound of at most this value.
             limit: largest bound of interest; a larger one is infinite.
 
         Raises:
@@ -127,7 +127,7 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
     centre, changes = loops[0], loops - loops[0]
     num_axes = len(STEPS) * k
     axes = changes[1 : 1 + num_axes].reshape(k, len(STEPS), n * n)
-    # Least squares with two powers leave the higher powers to the error.
+    # The fit has a linear and a quadratic term. Terms of higher order are part of the model error.
     vandermonde = np.array([[step, step * step] for step in STEPS])
     series = (np.linalg.pinv(vandermonde) @ axes).reshape(k, 2, n, n)
     decompositions = [np.linalg.svd(np.block([[c[0], c[1]], [c[1], np.zeros((n, n))]])) for c in series]
@@ -180,7 +180,7 @@ def _mixed_blocks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return blocks X and Y of N for which L₁ X R₂ + L₂ Y R₁ is nearest to a mixed derivative (n, n)."""
     (L1, R1), (L2, R2) = first, second
-    # Orthonormal bases make the equations small.
+    # The projection on orthonormal bases reduces the number of equations.
     left, right = np.linalg.qr(np.hstack([L1, L2]))[0], np.linalg.qr(np.vstack([R1, R2]).T)[0]
     equations = np.hstack([np.kron(left.T @ L1, (R2 @ right).T), np.kron(left.T @ L2, (R1 @ right).T)])
     target = (left.T @ mixed @ right).ravel()

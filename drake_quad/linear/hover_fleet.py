@@ -23,9 +23,9 @@ from drake_quad.scenario.models import Scenario
 
 _EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the state over a period in an equilibrium, in SI units
 _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
-_MIN_CONTRACTION = 0.1  # smallest ratio of the changes of two steps at which derivatives are computed again
-_STEP = 1e-3  # step of the differences, relative to a state that is larger than 1 in SI units
-_MAX_STEP = 1e4  # larger steps, in SI units, follow from a nearly singular matrix
+_MIN_CONTRACTION = 0.1  # derivatives are computed again if a step reduces the state change by a smaller factor
+_STEP = 1e-3  # step of the finite differences in SI units, multiplied by the state if that is larger than 1
+_MAX_STEP = 1e4  # larger Newton steps, in SI units, result from a nearly singular matrix
 _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
 
 
@@ -60,7 +60,7 @@ class HoverFleet:
 
         Args:
             values: (N, k) values of the fields of each loop.
-            states: indices of the n states whose rows and columns are returned; all by default. Few states take less
+            states: indices of the n states whose rows and columns are returned; all by default. A selection saves
                 time.
         """
         N = len(values)
@@ -73,7 +73,7 @@ class HoverFleet:
         with np.errstate(all="ignore"), single_threaded_blas():
             x, unsettled = _equilibria(period_map)
             rows, kept = rotor_rows(self.states), np.arange(len(x)) if states is None else states
-            # Thrust and torques depend on the speeds of all rotors.
+            # Thrust and torques depend on the speeds of all rotors, so all or none of these speeds are needed.
             columns = {*kept} | ({*rows} if {*rows} & {*kept} else set())
             A = period_map.jacobian(x, 4, sorted(columns))
         A[unsettled] = np.nan
@@ -93,7 +93,7 @@ def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
 
 
 def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (n, N) to which Newton's method leads from (n, N), and the mask (N,) of those that change."""
+    """Return the results (n, N) of Newton's method, and the mask (N,) of the loops in which it has not converged."""
     x = start.copy()
     inverse = np.broadcast_to(np.eye(len(x)), (x.shape[1], len(x), len(x))).copy()
     largest = np.full(x.shape[1], 0.0)
@@ -104,12 +104,12 @@ def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np
         active = unsettled & np.isfinite(change).all(axis=0)
         if not active.any():
             break
-        # The derivatives are computed again only where the steps with the old ones converge slowly.
+        # The derivatives are computed again only if the method converges slowly with the old derivatives.
         if (largest > _MIN_CONTRACTION * before)[active].any():
             matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
             matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
             new = np.linalg.inv(matrix)
-            # A saturated command does not depend on the state. The derivatives at the previous point then lead back.
+            # A saturated command does not depend on the state. The previous derivatives are then kept.
             regular = np.abs(_times(new, change)).max(axis=0) < _MAX_STEP
             inverse[regular] = new[regular]
         x[:, active] += _times(inverse, change)[:, active]
@@ -117,7 +117,7 @@ def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _times(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the products (n, N) of N matrices (N, n, n) and as many columns (n, N)."""
+    """Multiply N matrices (N, n, n) by N columns (n, N), and return the N products (n, N)."""
     return (matrices @ columns.T[:, :, np.newaxis])[:, :, 0].T
 
 

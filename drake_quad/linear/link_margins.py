@@ -1,7 +1,7 @@
 """Stability margins of any controller, with its loops broken at the command link.
 
-Every controller (a cascade, an optimal controller or a user's controller) sends over the link the thrust, and either
-three torques or the angles that an autopilot follows. If an offset is added to one of these signals,
+Every controller (a cascade, an optimal controller or a user's controller) sends the thrust over the radio link, and
+either three torques or the angles that an autopilot follows. If an offset is added to one of these signals,
 
     signal on the link = S (offset),    S = 1 / (1 + L)
 
@@ -33,7 +33,7 @@ _NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neigh
 
 
 class FastLinkMargins(NamedTuple):
-    """Peaks of |1 / (1 + L)|, and delay margins (s), arrays (signals,) for the link's signals with feedback."""
+    """Peaks of |1 / (1 + L)|, and delay margins (s), arrays (signals,) for the command link's signals with feedback."""
 
     sensitivity: np.ndarray
     delay: np.ndarray
@@ -84,7 +84,7 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
 
 
 class JointDiskMargin(NamedTuple):
-    """Disk margin of all signals on the link at once.
+    """Disk margin of all signals on the command link at once.
 
     All signals may change at the same time, each by its own factor in the disk of the margin α, see `Margins.disk`.
 
@@ -132,21 +132,20 @@ def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
     return JointDiskMargin(disk, gain, math.degrees(2.0 * math.atan(0.5 * disk)))
 
 
-def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the largest |S| of each given signal, (rows,), refined around the largest value on a grid.
+def _peaks(loops: SampledSystem, signals: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Return the largest |S| of some signals, (signals,), refined around the largest value on a grid.
 
     Args:
         loops: closed loop from an offset on each signal to the signals.
-        rows: (rows,) indices of the signals.
+        signals: indices of the signals.
         grid: (frequencies,) frequencies of the grid, rad/s.
-        S: (rows, frequencies) sensitivity of these signals on the grid.
+        S: (signals, frequencies) sensitivity of these signals on the grid.
     """
     top = np.argmax(np.abs(S), axis=1)
     ends = grid[np.maximum(top - 1, 0)], grid[np.minimum(top + 1, len(grid) - 1)]
     points = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
-    # The response of all signals is computed at the peaks of all signals, but each signal uses only the values around
-    # its peak.
-    refined = _diagonal(loops, points.ravel())[rows].reshape(len(rows), *points.shape)
+    # All responses are computed around the peaks of all signals. Each signal uses only the values around its own peak.
+    refined = _diagonal(loops, points.ravel())[signals].reshape(len(signals), *points.shape)
     return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", refined)).max(axis=1))
 
 
@@ -168,13 +167,13 @@ def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> 
 
 
 def _signals(scenario: Scenario) -> list[str]:
-    """Return the names of the link's signals without the body rates, which are feedforward only."""
+    """Return the names of the command link's signals without the body rates, which are feedforward only."""
     signal = Wrench if scenario.laboratory.autopilot.command == "wrench" else AttitudeTarget
     return [name for name in signal._fields if name not in ("p", "q", "r")]
 
 
 def _open_loop(closed: SampledSystem, row: int) -> SampledSystem | None:
-    """Return L = -C (zI - A + B C)⁻¹ B of a row, given S = 1 + C (zI - A)⁻¹ B; None if the row is not fed back."""
+    """Return L = -C (zI - A + B C)⁻¹ B of a signal, given S = 1 + C (zI - A)⁻¹ B; None if it is not fed back."""
     sensitivity = closed.between([f"injection.{row}"], [f"injected.{row}"]).connected()
     if (
         not len(sensitivity.A)

@@ -130,12 +130,12 @@ class SampledSystem:
         )
 
     def transformed(self, rows: Sequence[int], matrix: np.ndarray, names: Sequence[str]) -> "SampledSystem":
-        """Return the system with other state coordinates: some rows of the state are multiplied by a matrix.
+        """Return the system with other state coordinates: some components of the state are multiplied by a matrix.
 
         Args:
-            rows: indices of the k state rows that are transformed.
-            matrix: (k, k) matrix that multiplies these rows.
-            names: new names of these rows.
+            rows: indices of the k state components that are transformed.
+            matrix: (k, k) matrix that multiplies these components.
+            names: new names of these components.
         """
         T = np.eye(len(self.A))
         T[np.ix_(rows, rows)] = matrix

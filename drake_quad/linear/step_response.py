@@ -13,7 +13,7 @@ from drake_quad.linear.sampled_system import initialize_without_events, tick_aft
 
 
 class StepResponse(NamedTuple):
-    """Response of the vehicle to a step, with one column for each row of the vehicle's `state`.
+    """Response of the vehicle to a step, with one column for each component of the vehicle's `state`.
 
     Attributes:
         time: (ticks,) time since the release, s.
@@ -33,12 +33,12 @@ def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, dur
 
     Args:
         loop: loop from `closed_loop`.
-        displacement: initial displacement of rows of the vehicle's `state`, such as `x` or `yaw`, in SI units. The
+        displacement: initial displacement by component of the vehicle's `state`, such as `x` or `yaw`, in SI units. The
             cameras measure it in their first frame.
         duration: duration of the response, s.
 
     Raises:
-        InputError: if `state` has no such row, or the vehicle has a continuous state.
+        InputError: if `state` has no such component, or the vehicle has a continuous state.
     """
     layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
@@ -47,7 +47,7 @@ def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, dur
     camera_states = [i for i, name in enumerate(layout.names) if ".motion_capture." in name]
     for row, size in displacement.items():
         if not any(layout.names[i].endswith(f".{row}") for i in vehicle_states):
-            raise InputError(f"cannot displace {row}: it is not a row of the state of a vehicle with a time step")
+            raise InputError(f"cannot displace {row}: it is not a component of the vehicle's discrete state")
         for i in (*vehicle_states, *camera_states):
             if layout.names[i].endswith(f".{row}"):
                 state[i] = size

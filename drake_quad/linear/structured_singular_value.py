@@ -27,14 +27,12 @@ import scipy
 
 from drake_quad.process_settings import single_threaded_blas
 
-_MAX_CENTERS = 60  # largest number of centers; the bound changes by less than the tolerance long before
+_MAX_CENTERS = 60  # largest number of steps of the method of centers, which usually converges much earlier
 _MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
 _CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
-_CENTER_WEIGHT = 0.05  # fraction of the previous β² that keeps a center strictly feasible for the next one
+_CENTER_WEIGHT = 0.05  # weight of the previous β² in the next one, so that the center remains strictly feasible
 _MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
-_CIRCLE_TOLERANCE = (
-    1e-3  # eigenvalues at most this far from the unit circle are taken as frequencies; extra ones do no harm
-)
+_CIRCLE_TOLERANCE = 1e-3  # eigenvalues at most this far from the unit circle count as frequencies; too many do no harm
 _NUM_FIRST_FREQUENCIES = 24  # frequencies at which scalings are computed before the gaps between them are covered
 _MAX_FREQUENCIES = 400  # largest number of frequencies at which scalings are computed
 _MIN_GAP = 1e-9  # rad, largest gap between covered intervals that counts as a rounding error
@@ -81,7 +79,7 @@ def mu_bound(
         matrix: (r, r) matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy with which the bound is minimised.
-        stop: bound that is good enough, so that the minimisation may end.
+        stop: the minimisation ends at a bound of at most this value.
         starts: bounds of similar matrices, the best of whose scalings is the first guess.
 
     Raises:
@@ -308,7 +306,7 @@ def peak_mu_bound(
         D: (r, r) feedthrough matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy.
-        stop: bound that is good enough at every frequency.
+        stop: the minimisation at a frequency ends at a bound of at most this value.
         limit: largest bound of interest; the bound is infinite as soon as a larger one is found at a frequency.
 
     Raises:
@@ -324,7 +322,7 @@ def peak_mu_bound(
     found: list[MuBound] = []
 
     def prove(omega: float) -> None:
-        """Compute scalings at a frequency, and remove all frequencies that they cover from the gaps."""
+        """Compute the bound at a frequency, and remove from `gaps` the frequencies where it proves the level."""
         nonlocal level, gaps, peak
         response = C @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(A)) - A, B) + D
         bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack, starts=found)
@@ -333,7 +331,7 @@ def peak_mu_bound(
         gaps = _without(gaps, _covered(A, B, C, D, bound, level))
 
     with single_threaded_blas():
-        # The largest bounds are near poles, and are computed first, since they also cover smaller ones.
+        # The largest bounds occur near poles. They are computed first, since their level holds at most frequencies.
         poles = np.linalg.eigvals(A)
         first = np.append(np.abs(np.angle(poles[np.abs(poles) > 0.2])), [0.0, math.pi])
         sizes = [np.linalg.norm(np.linalg.solve(np.exp(1j * w) * np.eye(len(A)) - A, B), 2) for w in first]
@@ -348,7 +346,7 @@ def peak_mu_bound(
             before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
             prove(0.5 * (low + high))
             if gaps == before:
-                # The intervals of real blocks can be as short as rounding errors, and are longer for a larger bound.
+                # With real blocks, the level may be proved only in a short interval. A larger level makes it longer.
                 level *= 1.0 + 0.25 * tolerance
     raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
 

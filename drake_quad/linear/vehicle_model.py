@@ -79,7 +79,7 @@ def find_trim(
         wind: velocity of the air in W, m/s.
         position: position in W, m.
         yaw: yaw, rad.
-        kinematics: kinematics of the `Quadrotor`. The trim is the same for both, since the vehicle does not rotate.
+        kinematics: kinematics of the `Quadrotor`. The trim does not depend on it, since the vehicle does not rotate.
         effects: effects on the vehicle.
 
     Raises:
@@ -132,7 +132,7 @@ def linear_vehicle(
     end.
 
     Raises:
-        InputError: the operating point is not an equilibrium; use `affine_vehicle` there.
+        InputError: if the operating point is not an equilibrium; use `affine_vehicle` there.
     """
     diagram, context = _at(trim, parameters, kinematics, effects)
     rates = diagram.EvalTimeDerivatives(context).CopyToVector()
@@ -166,7 +166,7 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
 
 
 def _of_motion(effects: Effects) -> Effects:
-    """Return the effects without the effects that only determine rotor speeds."""
+    """Return the effects without throttle curve and battery, which do not matter at given rotor speeds."""
     return effects._replace(thrust_curve=None, battery=None)
 
 

@@ -1,4 +1,4 @@
-"""Duration of a flight, and start and end of its metric window."""
+"""Duration of a flight, and the time window in which its metrics are computed."""
 
 import math
 
@@ -58,7 +58,7 @@ def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
-    """Raise InputError if braking after a plan violates rotor limits, leaves a box or hits an obstacle."""
+    """Raise InputError if braking after a plan exceeds rotor limits, leaves the permitted space or hits an obstacle."""
     end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
     times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
     try:
@@ -99,7 +99,7 @@ def _check_boxes(positions: np.ndarray, scenario: Scenario) -> None:
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:
-    """Return the end of the metric window, s, or infinity if the window ends with the flight.
+    """Return the end of the metric window, s; infinity if metrics are computed until the end of the flight.
 
     If the window begins with a lap, it ends with the last lap, even if the flight continues.
     """

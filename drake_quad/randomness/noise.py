@@ -39,7 +39,7 @@ class Stream(NamedTuple):
     Attributes:
         name: name of the stream, which is unique among the streams of its kind.
         kind: purpose of the random numbers.
-        num_rows: number of random numbers at each tick, for one vehicle.
+        num_rows: number of random numbers at each tick for one vehicle.
         distribution: standard normal (kGaussian), or uniform from 0 to 1 (kUniform).
         period: period of the ticks, s.
     """
@@ -58,8 +58,8 @@ def stream_numbers(
 
     Args:
         states: initial states of each stream, one for each period.
-        kinds: for each stream, the number of rows, True for normal numbers or False for uniform ones, and the number of
-            ticks in a period.
+        kinds: for each stream a tuple: number of random numbers per tick; True for normal numbers, or False for
+            uniform numbers; number of ticks in a period.
         ticks: tick of each stream.
     """
     return tuple(
@@ -92,14 +92,14 @@ class NoiseSource(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all streams, under their names. Its value at any time is the value of the nearest tick,
-    since systems read the output at ticks. The numbers of a tick depend only on the seed, the sample, the stream and
-    the tick. The only parameter of the context is `streams`.
+    The output contains the random numbers of all streams, under the names of the streams. Its value at any time is the
+    value of the nearest tick, since systems read the output at ticks. The numbers of a tick depend only on the seed,
+    the sample, the stream and the tick. The only parameter of the context is `streams`.
 
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
-        noise_period: length of a period, s. In successive periods, a vehicle has the noise of different samples.
+        noise_period: length of a period, s. A vehicle may use the noise of another sample in each period.
         parameters: samples of the vehicles.
 
     Raises:
@@ -186,7 +186,7 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
     """Connect random input ports to noise sources, which are added to the builder.
 
     One source named `noise` serves all ports of a single vehicle. Every port of a fleet has its own source, since
-    additional calls take less time than splitting an output with many rows.
+    additional calls take less time than splitting a long output vector.
 
     Args:
         builder: builder with the systems of the ports.

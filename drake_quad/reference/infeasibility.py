@@ -29,8 +29,7 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
     except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        # A problem without limits was solved here although the solver failed before, so there is no violation to
-        # explain.
+        # The call above found a path, so no constraint is violated. The solver failed only for the original problem.
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
@@ -59,14 +58,14 @@ def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: s
     )
 
 
-def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -> float | None:
+def _slower_factor(problem: PathProblem, durations: np.ndarray, sufficient_factor: float) -> float | None:
     """Return a factor on all durations that makes the problem feasible, rounded up to three digits, or None.
 
     Args:
         problem: problem that is infeasible for these durations.
         durations: (segments,) durations, s.
-        enough: factor that slows the path without limits down to the limits. It is used if no motion is given at the
-            waypoints, since slowing down then keeps the shape of the path.
+        sufficient_factor: factor at which the path that was planned without limits satisfies them. It is used if no
+            motion is given at the waypoints, since slowing down then keeps the shape of the path.
     """
 
     def feasible(factor: float) -> bool:
@@ -77,7 +76,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
         return True
 
     low = 1.0
-    factors = (1.001 * enough,) if problem.is_time_scalable else _TRIED_FACTORS
+    factors = (1.001 * sufficient_factor,) if problem.is_time_scalable else _TRIED_FACTORS
     for high in factors:
         if feasible(high):
             break

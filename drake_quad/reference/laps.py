@@ -1,10 +1,10 @@
 """Paths with several laps: they begin at rest, are periodic, and end at rest.
 
 The laps between the first and the last are identical. Each is the minimum-snap path with periodic ends: velocity,
-acceleration and jerk at the seam are chosen so that the fourth to sixth derivatives are continuous there, as at any
-other waypoint. The first lap begins at rest and the last lap ends at rest, and both share the motion of the other laps
-at the seam. Three derivatives are therefore continuous along the whole path, and a controller that learns in one lap
-can use the result in the next.
+acceleration and jerk at the seam, the point between two laps, are chosen so that the fourth to sixth derivatives are
+continuous there, as at any other waypoint. The first lap begins at rest and the last lap ends at rest, and both share
+the motion of the other laps at the seam. Three derivatives are therefore continuous along the whole path, and a
+controller that learns in one lap can use the result in the next.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ import numpy as np
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at
 
-# Orders of the derivatives that become continuous at the seam by the choice of velocity, acceleration and jerk there.
+# Orders of the derivatives that are made continuous between two laps by choosing velocity, acceleration and jerk there.
 _CONTINUOUS_ORDERS = np.array([6, 5, 4])
 
 
@@ -62,13 +62,13 @@ def path_of_laps(
 
 
 def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
-    """Return the (3, axes) velocity, acceleration and jerk at the seam of the periodic minimum-snap path.
+    """Return the (3, axes) velocity, acceleration and jerk between two laps of the periodic minimum-snap path.
 
     Args:
         points: (segments + 1, axes) waypoints of a lap, m; the last waypoint equals the first.
         durations: (segments,) durations, s.
         derivatives: (segments + 1, 3, axes) derivatives as for `minimum_snap`. The derivatives at the last waypoint
-            apply to the seam.
+            apply between two laps.
     """
     given = derivatives[-1]
     unknown = np.isnan(given).any(axis=1)

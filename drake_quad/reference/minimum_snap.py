@@ -34,8 +34,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix,
 
 DEGREE = 7  # degree of the polynomial of a segment
 NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be free at a waypoint
-START_DERIVATIVES = slice(1, 4)  # velocity to jerk at the start, within a segment's boundary derivatives
-END_DERIVATIVES = slice(5, 8)  # velocity to jerk at the end, within a segment's boundary derivatives
+START_DERIVATIVES = slice(1, 4)  # indices of velocity to jerk at the start, among the boundary derivatives
+END_DERIVATIVES = slice(5, 8)  # indices of velocity to jerk at the end, among the boundary derivatives
 # Order of each boundary derivative: position to jerk at the start, then position to jerk at the end.
 ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
@@ -179,7 +179,8 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The multipliers have the scale of the weighted cost, in which the shortest segment has the weight one.
+        # The multipliers belong to the weighted cost, in which the shortest segment has the weight one, so they are
+        # scaled.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):
@@ -299,7 +300,7 @@ class MinimumSnap:
             return solution, np.zeros_like(gaps)
         by_axis = solution.reshape(len(self._unit), self.points.shape[1], -1)
         missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
-        # A multiplier along one direction moves the path along another one by their scalar product.
+        # A multiplier along one direction moves the path along another direction in proportion to their scalar product.
         response = (self._rows @ self._contact_responses) * (self._directions @ self._directions.T)
         # The equations are solved by least squares, since two contacts can be linearly dependent.
         multipliers = np.linalg.lstsq(response, missing, rcond=1e-12)[0]

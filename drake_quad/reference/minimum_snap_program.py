@@ -129,7 +129,7 @@ class MinimumSnapProgram:
         self.program = MathematicalProgram()
         self.excess = 0.0
         self._slack = slack
-        # The array is empty if there is no slack.
+        # Without slack, this array of variables is empty.
         self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
         base = knots(unconstrained.path(), NUM_FREE + 1) / self.scales[:, :, np.newaxis]
         base[:, 0] = 0.0  # position variables are relative to a point of each waypoint's region
@@ -262,9 +262,9 @@ class MinimumSnapProgram:
                     self.program.AddLorentzConeConstraint(matrix, offset, position[free])
 
     def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a segment's variables (None for given values), their mask, and the boundary derivatives at zero.
+        """Return a segment's variables, a mask of the free values, and the values if all variables are zero.
 
-        Each of the three arrays has the shape (8, axes).
+        Each of the three arrays has the shape (8, axes). A value that is given has no variable: its entry is None.
         """
         local, free, base = (
             values[segment : segment + 2].reshape(2 * (NUM_FREE + 1), -1)

@@ -134,7 +134,7 @@ class PathProblem:
 
     def without_limits(self) -> "PathProblem":
         """Return the same problem without limits on speed and acceleration."""
-        # The checks of the constructor have already passed.
+        # The copy skips the checks of the constructor, which this problem has already passed.
         problem = copy.copy(self)
         vars(problem).update(limits=PathLimits(), start=self.representatives())
         vars(problem).pop("_representatives", None)
@@ -315,7 +315,7 @@ def _is_point(region: WaypointRegion) -> bool:
 
 
 def _describe_gap(one: WaypointRegion, other: WaypointRegion) -> str:
-    """Describe the distance between two regions, for boxes with the axis. The text is empty if it is unknown."""
+    """Describe the distance between two regions, for two boxes with the axis; empty if the distance is unknown."""
     if isinstance(one, Polytope) or isinstance(other, Polytope):
         polytope, region = (one, other) if isinstance(one, Polytope) else (other, one)
         if not _is_point(region):

@@ -66,7 +66,7 @@ def pieces_to_plan(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scal
 
 
 def _whole_turns(yaws: np.ndarray) -> np.ndarray:
-    """Return the multiples of 2π, (pieces - 1,) in rad, by which each piece's yaw exceeds a continuous continuation.
+    """Return the whole turns, (pieces - 1,) in rad, to subtract from all pieces but the first for a continuous yaw.
 
     Args:
         yaws: (pieces, powers) yaw coefficients in unit time, starting with the constant term, rad.

@@ -117,7 +117,7 @@ class Plan:
         return to_piecewise_polynomial(path_derivative(self.extended_path, order))
 
     def reference(self) -> PiecewisePolynomial:
-        """Return a trajectory, defined for all times, with the rows of all `REFERENCE_PORTS` in order."""
+        """Return a trajectory, defined for all times, with the components of all `REFERENCE_PORTS` in order."""
         end = max(self.extended_path.times[-1], self.extended_yaw.times[-1])
         path, yaw = (_until(end, part) for part in (self.extended_path, self.extended_yaw))
         path, yaw = subdivide(path, yaw.times), subdivide(yaw, path.times)
@@ -147,7 +147,7 @@ def _by_axis(path: PolynomialPath) -> np.ndarray:
 
 
 def _piecewise_polynomial(times: np.ndarray, rows: Iterable[np.ndarray]) -> PiecewisePolynomial:
-    """Return Drake's (rows, 1) trajectory, given the (segments, powers) coefficients of each row in unit time."""
+    """Return Drake's (rows, 1) trajectory, given the (segments, powers) coefficients of each component in unit time."""
     durations = np.diff(times)[:, np.newaxis]
     segments = len(durations)
     rows = list(rows)

@@ -122,7 +122,7 @@ def without_repeats(problem: PathProblem) -> PathProblem:
         derivatives[kept[-1]] = np.where(np.isnan(kept_derivatives), repeated_derivatives, kept_derivatives)
     if len(kept) < 2:
         raise InputError(f"all waypoints are the same point, {problem.waypoints[0]} m; there is nothing to fly")
-    # The remaining segments lead to the remaining waypoints.
+    # Segment i - 1 leads to waypoint i, so its corridor is kept if waypoint i is kept.
     corridors = [problem.corridors[i - 1] for i in kept[1:]]
     return PathProblem(
         [problem.waypoints[i] for i in kept],

@@ -220,7 +220,7 @@ def turning_points(path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def inner_maxima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the row, s and value of each maximum of polynomials inside [0, 1], three arrays of shape (maxima,).
+    """Return the index of the polynomial, s and value of each maximum inside [0, 1], three arrays (maxima,).
 
     Args:
         rows: (rows, powers) coefficients of each polynomial, starting with the constant term.
@@ -237,11 +237,11 @@ def inner_maxima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _find_maxima(
     derivatives: np.ndarray, derivative: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows and arguments of the maxima of functions on [0, 1].
+    """Return the indices of the functions and the arguments of all maxima of functions on [0, 1].
 
     Args:
         derivatives: (rows, samples) derivatives of the functions at equidistant samples.
-        derivative: function that returns derivatives for rows and arguments.
+        derivative: function that returns derivatives, given indices of functions and arguments.
     """
     row, sample = np.nonzero((derivatives[:, :-1] > 0.0) & (derivatives[:, 1:] <= 0.0))
     low, high = _CELL_EDGES[sample], _CELL_EDGES[sample + 1]

@@ -124,7 +124,7 @@ class Polytope:
         self.normals = rows / lengths[:, np.newaxis]
         self.offsets = distances / lengths
         if self.radius < -_RELATIVE_ROUNDING * self._largest_offset:
-            raise InputError(f"a polytope of {len(rows)} faces is empty: no point lies behind all of them")
+            raise InputError(f"a polytope of {len(rows)} faces is empty: no point lies on the inner side of all faces")
 
     @classmethod
     def from_box(cls, box: Box) -> "Polytope":
@@ -223,7 +223,10 @@ class Polytope:
         return max(float(np.abs(self.offsets).max()), 1.0)
 
     def __str__(self) -> str:
-        return f"the polytope of {self.faces} faces around {format_vector(self.centre)}"
+        faces = f"{self.faces} {'face' if self.faces == 1 else 'faces'}"
+        if np.abs([*self.centre, self.radius]).max() >= _MAX_INSCRIBED_RADIUS:
+            return f"the unbounded polytope of {faces}"
+        return f"the polytope of {faces} around {format_vector(self.centre)}"
 
 
 @lru_cache(maxsize=4096)

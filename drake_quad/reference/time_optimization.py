@@ -168,7 +168,7 @@ class _LimitPeaks(NamedTuple):
 
 
 def _limit_peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
-    """Return the nonzero peaks of those of speed and acceleration that have a limit."""
+    """Return the nonzero peaks of the quantities that have a limit, speed or acceleration or both."""
     path = solution.path()
     parts = []
     for order, limit in limits.by_order.items():

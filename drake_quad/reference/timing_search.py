@@ -124,7 +124,7 @@ def minimum_time_path(problem: PathProblem) -> PolynomialPath:
     # A flight that stops at every waypoint satisfies the limits. If segments are very unequal, it can be as fast as the
     # optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
-    # The local optimum can depend on the start, for example on whether the path touches a wall.
+    # The local optimum can depend on the initial path, for example on whether the path touches a wall.
     if not problem.has_closed_form_path or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
         best = min(best, _local_minimum_time_path(problem, heuristic, smooth=False), key=_DURATION)
     return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)
@@ -169,13 +169,13 @@ def improve_repeatedly(
 ) -> PolynomialPath:
     """Apply changes to a path until the cost no longer decreases, and return the best path.
 
-    A change assumes that the path keeps its present contacts with corridors and its points in the waypoint regions. The
-    reach is reduced if the cost increases because this assumption is violated.
+    A change assumes that the path keeps its present contacts with corridors and its points in the waypoint regions. If
+    the cost increases because this assumption is violated, smaller changes are tried.
 
     Args:
         path: initial path.
-        change: function of a path and a reach that returns a new path. The reach is the largest change of the logarithm
-            of a duration.
+        change: function of a path and a reach that returns a new path. The reach is the largest permitted change of the
+            logarithm of a duration.
         cost: function that returns the cost of a path.
     """
     max_log_change = _INITIAL_LOG_CHANGE
@@ -223,7 +223,7 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
 
 
 def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """Yield durations, (segments,) in s: those with the smallest snap for several sums, and shorter ones near them."""
+    """Yield durations, (segments,) in s: those with the smallest snap for several totals, and shorter ones nearby."""
     for factor in _TRIED_FACTORS:
         try:
             path = _minimum_snap_with_same_duration(problem.without_limits(), factor * stopping)

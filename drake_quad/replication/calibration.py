@@ -115,13 +115,13 @@ HYPOTHESES = {
         "derivative of the error, low gains",
         [_TRACKING_ERROR_DERIVATIVE],
         _bandwidth_number(0.35, 1.2),
-        FreeParameter("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
+        FreeParameter("initial covariance p₀ for λ = 1 1/s (1/s)", 0.03, 30.0, _covariance_overrides),
     ),
     "bias": Hypothesis(
         "derivative of the error, constant bias",
         [_TRACKING_ERROR_DERIVATIVE, *_BIAS_GAINS],
         FreeParameter("centre of mass, x and y (m)", 0.0, 0.005, _offset_overrides),
-        FreeParameter("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
+        FreeParameter("initial covariance p₀ for λ = 1 1/s (1/s)", 0.03, 30.0, _covariance_overrides),
     ),
 }
 

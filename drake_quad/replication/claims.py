@@ -38,7 +38,7 @@ def all_claims(experiment: Experiment) -> list[Claim]:
 
 
 def judge_half_the_error(experiment: Experiment) -> Claim:
-    """Judge the claim that type 2 is 50 % better than PD."""
+    """Judge the claim that the error with the type-2 network is 50 % smaller than with the PD alone."""
     reductions = {cell: _reduction(experiment, cell, "pd") for cell in select_cells(_TYPE_2_CONTROLLERS)}
     over_slope = {wind: [_reduction_at_slope(experiment, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max(
@@ -50,14 +50,14 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
         f"reductions of {_range_text(reductions.values())} over winds and widths; at most {best.percent()} with another"
         " λ, which is a fitted number",
         verdict_from_conditions([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
-        "holds if all reductions are above 50 %; in part if some are, or with another λ",
+        "holds if all reductions are above 50 %; in part if some are, at least with another λ",
         printed=f"Table II: {_span_text(_published_reductions(reductions, 'pd'), 100.0, '.0f')} %",
         details=f"{_listed_text(reductions)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
 
 
 def judge_reduction_without_wind(experiment: Experiment) -> Claim:
-    """Judge the claim that the error without wind is about 43 % smaller."""
+    """Judge the claim that the network makes the error without wind about 43 % smaller."""
     pd, network = (published_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
     decrease = _reduction(experiment, Cell("no_wind", "pd_t2fnn"), "pd")
     other = {
@@ -73,7 +73,7 @@ def judge_reduction_without_wind(experiment: Experiment) -> Claim:
 
 
 def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
-    """Judge the claim that type 2 beats type 1 by 2 to 7 %."""
+    """Judge the claim that the error with the type-2 network is 2 to 7 % smaller than with the type-1 network."""
     gains = {cell: _reduction(experiment, cell, "pd_t1fnn") for cell in select_cells(_TYPE_2_CONTROLLERS)}
     windy = {cell: gain for cell, gain in gains.items() if cell.wind != "no_wind"}
     over_noise = [_best_advantage(experiment.noise, "noise", level) for level in NOISE_LEVELS]
@@ -135,7 +135,7 @@ def judge_peak_without_wind(experiment: Experiment) -> Claim:
 
 
 def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
-    """Judge the claim that type 2 has smaller error peaks than type 1 in wind."""
+    """Judge the claim that the type-2 network has smaller error peaks than the type-1 network in wind."""
     differences = {
         cell: experiment.comparison(cell, Cell(cell.wind, "pd_t1fnn"), "peak_error").difference
         for cell in select_cells(_TYPE_2_CONTROLLERS, _WINDS_WITH_FANS)
@@ -152,7 +152,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
 
 
 def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
-    """Judge the claim that the PD's output tends to zero as the network learns, and increases at changes of segment."""
+    """Judge the claim that the PD's output tends to zero as the network learns, and increases at each new segment."""
     fades, returns = (
         {cell: _mean(experiment.recorded[cell][measure]) for cell in select_cells(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
@@ -164,10 +164,10 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
         f" the quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the"
         " 1 s before",
         verdict_from_conditions([(-fade).is_above(-0.5), back.is_above(1.0)]),
-        "holds if the first ratio is below 50 % and the second above 100 %; in part if one of these is true",
+        "holds if the first percentage is below 50 % and the second above 100 %; in part if one of these is true",
         printed="Figs 12 and 13, one run",
-        details=f"ratio of the last quarter: {_listed_text(fades)}; ratio after a change of segment:"
-        f" {_listed_text(returns)}",
+        details=f"RMS in the last quarter relative to the quarter after the rise: {_listed_text(fades)}; RMS after a"
+        f" change of segment relative to the RMS before it: {_listed_text(returns)}",
     )
 
 
@@ -231,12 +231,12 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
     ]
     return Claim(
         "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
-        f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the former have"
-        f" a {error_increase.percent()} larger error on curves, and with the latter the command varies"
-        f" {variation_ratio.ratio()} times as much on straight lines",
+        f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the"
+        f" gains for straight lines have a {error_increase.percent()} larger error on curves than the gains for curves,"
+        f" and with the gains for curves the command varies {variation_ratio.ratio()} times as much on straight lines",
         verdict_from_conditions([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
-        "holds if the former have a larger error on curves and the command varies more with the latter; in part if one"
-        " of these is true",
+        "holds if the gains for straight lines have a larger error on curves, and the command varies more with the"
+        " gains for curves; in part if one of these is true",
         printed="a statement without numbers",
     )
 
@@ -253,18 +253,19 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
         f" {network.percent()} with PD+T2FNN; the median error is {typical[0].ratio()} times the best one with the PD,"
         f" and {typical[1].ratio()} times with PD+T2FNN; the best errors are {best[0].metres()} and {best[1].metres()}",
         verdict_from_conditions([more.is_above(0.0), network.is_above(0.5)]),
-        "holds if the network increases the share and the share is above 50 %; in part if one of these is true",
+        "holds if more gains are within 20 % of the best with the network than with the PD, and more than 50 % of the"
+        " gains are; in part if one of these is true",
         printed="a statement without numbers",
-        details=f"{_grid_text(experiment.maps['pd'])}; a sample crashes with"
+        details=f"{_grid_text(experiment.maps['pd'])}; at least one sample crashes with"
         f" {_num_settings_with_crash(experiment.maps['pd'])} of these gains for the PD, and with"
-        f" {_num_settings_with_crash(experiment.maps['pd_t2fnn'])} for PD+T2FNN; the network increases the share by"
-        f" {more.percent()} of the gains",
+        f" {_num_settings_with_crash(experiment.maps['pd_t2fnn'])} for PD+T2FNN; with the network,"
+        f" {more.percent()} more of the gains are within 20 % of the best",
         figure="gains",
     )
 
 
 def near_best_fraction(sweep: Sweep) -> np.ndarray:
-    """Return the fraction (samples,) of gains whose error is within 20 % of the smallest, without gains that crash."""
+    """Return the fraction (samples,) of gains without a crash whose error is at most 1.2 times the smallest error."""
     rmse = _errors(sweep)
     best = np.nanmin(rmse, axis=0)
     fractions: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
@@ -360,7 +361,7 @@ def _error_reduction(errors: np.ndarray, baseline: np.ndarray) -> Interval:
 
 
 def _reduction_difference(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interval:
-    """Return the error reduction in one pair of baseline and errors minus the reduction in another pair."""
+    """Return the difference of two error reductions. Each is given by the errors of a baseline and of a controller."""
     valid = np.isfinite([*pair, *other]).all(axis=0)
     ratio, other_ratio = (linearized_ratio(errors[valid], baseline[valid]) for baseline, errors in (pair, other))
     return mean_interval(other_ratio - ratio)
@@ -418,7 +419,7 @@ def _listed_text(numbers: Mapping[Cell, Interval], text: Callable[[Interval], st
 
 
 def _smallest_and_largest(estimates: Iterable[Interval]) -> tuple[Interval, Interval]:
-    """Return the smallest and the largest estimate."""
+    """Return the smallest and the largest of several estimates."""
     ordered = sorted(estimates)
     return ordered[0], ordered[-1]
 

@@ -39,12 +39,12 @@ _MAX_RECORDED_VEHICLES = 256  # largest number of vehicles in a recorded fleet, 
 
 
 class ExperimentSizes(NamedTuple):
-    """Numbers of samples and settings of the experiment.
+    """Numbers of Monte Carlo samples, and of parameter settings, in the experiment.
 
     Attributes:
-        cells: number of samples of each cell.
+        cells: number of samples of each combination of controller and wind, which is called a cell as in Table II.
         recorded: number of samples of each cell of Table II for which all signals are recorded.
-        sweep: number of samples of each setting of noise, q and λ.
+        sweep: number of samples for each value of the noise, the weight q of the lower memberships or the slope λ.
         grid: number of gains along each side of a map.
         map: number of samples of each pair of gains in a map.
         legs: number of samples of each pair of gains in the sweep that computes errors leg by leg.
@@ -62,7 +62,7 @@ QUICK = ExperimentSizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
 
 
 class SweepPlan(NamedTuple):
-    """Plan of a sweep of the experiment.
+    """Plan of a parameter sweep of the experiment.
 
     Attributes:
         cell: cell whose scenario is flown.
@@ -79,7 +79,7 @@ class SweepPlan(NamedTuple):
     max_vehicles: int = _MAX_VEHICLES
 
     def jobs(self, name: str, scenario: Scenario, *, compiled: bool) -> list[Job]:
-        """Return the jobs that fly the sweep, each with as many settings as fit into a fleet.
+        """Return the jobs that simulate the sweep, each with as many settings as fit into a fleet.
 
         Args:
             name: name of the jobs.
@@ -126,7 +126,7 @@ def fly_experiment(
     compiled: bool = True,
     progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> dict[Cell, Flight]:
-    """Fly the experiment, and write its results to a folder, from which `read_experiment` reads them.
+    """Simulate the flights of the experiment, and write the results to a folder for `read_experiment`.
 
     Args:
         load: function that loads the scenario of a cell.
@@ -169,7 +169,7 @@ def fly_experiment(
 
 
 def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: bool) -> None:
-    """Fly the missing samples of a cell's study in one fleet, since a large fleet takes less time per vehicle.
+    """Simulate the missing samples of a cell's study in one fleet, since a large fleet takes less time per vehicle.
 
     Raises:
         RuntimeError: if a sample could not be flown.
@@ -184,7 +184,7 @@ def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: b
 
 
 class RecordedCell(NamedTuple):
-    """Results of the recorded samples of a cell.
+    """Results of the samples of a cell whose signals are recorded.
 
     Attributes:
         first: flight of sample 0.
@@ -196,7 +196,7 @@ class RecordedCell(NamedTuple):
 
 
 def _record_cell(scenario: Scenario, num_samples: int, *, compiled: bool) -> RecordedCell:
-    """Fly the first samples of a cell, record all signals, and return the measures."""
+    """Simulate the first samples of a cell, record all signals, and return the measures of these flights."""
     flights = simulate_samples(scenario, range(num_samples), compiled=compiled)
     numbers = [measures(flight) for flight in flights]
     return RecordedCell(flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]})

@@ -23,9 +23,9 @@ class Effort(NamedTuple):
     Attributes:
         definition: short description of the definition.
         signal: name of the signal from which the effort is computed.
-        x: row of the signal that moves the vehicle along X.
-        y: row of the signal that moves the vehicle along Y.
-        measure: function from the values (ticks,) of a row to the effort.
+        x: component of the signal that moves the vehicle along X.
+        y: component of the signal that moves the vehicle along Y.
+        measure: function from the values (ticks,) of a component to the effort.
     """
 
     definition: str
@@ -43,7 +43,7 @@ def _mean_absolute(values: np.ndarray) -> float:
     return float(np.mean(np.abs(values)))
 
 
-# Signal from which an effort is computed, and its rows for X and Y.
+# Signal from which an effort is computed, and its components for X and Y.
 _COMMAND = ("acceleration_command", "x", "y")
 _PD = ("pd", "x", "y")
 # The pitch torque moves the vehicle along X, and the roll torque along Y.
@@ -71,8 +71,8 @@ def measures(flight: Flight) -> dict[str, float]:
     - The efforts of `EFFORTS` on both axes. Their names end in "_x" and "_y".
     - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by its RMS in the quarter
       after the climb.
-    - "pd_return": RMS of the PD's horizontal output in the 1 s after changes of segment, divided by its RMS in the 1 s
-      before these changes.
+    - "pd_return": RMS of the PD's horizontal output in the first second of each route segment, divided by its RMS in
+      the last second of the segment before.
     - "path_error": RMS distance to the nearest point of the path, m.
     """
     result: dict[str, float] = {}

@@ -44,8 +44,8 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.visualization.style import Vector
 
 CAPTIONS = {
-    "table_ii": "RMSE of Table II: printed runs and their mean, and ours. The intervals of our means are narrower than"
-    " their markers; the bars contain 95 % of the samples.",
+    "table_ii": "RMSE of Table II: the printed runs with their mean, and the mean of our simulations. The intervals"
+    " of our means are narrower than their markers. The bars contain 95 % of the simulations.",
     "figure_4": "The paper's Fig. 4: upper and lower elliptic memberships for four pairs of exponents.",
     "figure_7": "The paper's Fig. 7: paths in sample 0 without wind. The numbers are those of the segments.",
     "figure_8": "The paper's Fig. 8: paths in sample 0 without wind, seen from above.",
@@ -58,11 +58,14 @@ CAPTIONS = {
     "figure_12": "The paper's Fig. 12: commands of PD and network on X, without wind.",
     "figure_13": "The paper's Fig. 13: commands of PD and network on Y, without wind.",
     "advantage": "Relative reduction of the error from type 1 to type 2, without wind, over the noise of the cameras"
-    " and over q, with 95 % intervals. Type 1 is better where the reduction is negative.",
-    "gains": "Mean RMSE over the gains of the PD, without wind. With grey gains, a sample crashed.",
+    " and over the weight q of the lower memberships, with 95 % intervals. Type 1 is better where the reduction is"
+    " negative.",
+    "gains": "Mean RMSE over the gains of the PD, without wind. With the gains shown in grey, at least one sample"
+    " crashed.",
     "fair": "Mean RMSE of the PD, of PD+T2FNN, and of controllers that the paper does not consider.",
 }
-# Fields of `Claim` by the headings of their columns, in the file claims.csv and then in the report.
+# Field of `Claim` in each column of the file claims.csv, and then in each column of the report, by the column's
+# heading.
 _FILE_COLUMNS = {"claim": "statement", "printed": "printed", "ours": "evidence"} | {
     name: name for name in ("verdict", "rule", "details", "figure")
 }

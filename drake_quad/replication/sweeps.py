@@ -1,4 +1,4 @@
-"""Sweeps, which fly the same samples of a scenario with several settings of its parameters."""
+"""Parameter sweeps: simulations of the same Monte Carlo samples with several settings of a scenario's parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ MetricsType = TypeVar("MetricsType", Metrics, LegMetrics)
 
 @dataclass(frozen=True)
 class Sweep(Generic[MetricsType]):
-    """Metrics of a scenario with several settings.
+    """Metrics of the same samples of a scenario, for several settings of its parameters.
 
     Attributes:
         settings: (settings,) values of each varied parameter, by name.
@@ -46,7 +46,7 @@ def num_rows(columns: Mapping[str, np.ndarray]) -> int:
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return all pairs of rows from two groups of columns. The row of the second group varies faster."""
+    """Return the columns of a table with all pairs of rows of two tables. The row of the second table varies faster."""
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
@@ -114,7 +114,7 @@ _FIELD_PATHS = {
 def fly_settings(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> Metrics:
-    """Fly the same samples with each setting in one fleet, and return metrics of shape (settings, samples)."""
+    """Simulate the same samples with each setting, in one fleet, and return metrics of shape (settings, samples)."""
     batch = settings_batch(scenario, settings, samples)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
     return metrics.with_values(np.reshape(metrics, (-1, num_rows(settings), len(samples))))
@@ -123,13 +123,13 @@ def fly_settings(
 def fly_legs(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> LegMetrics:
-    """Fly the same samples with each setting in a recorded fleet, and return leg metrics (settings, samples)."""
+    """Simulate the same samples with each setting, record them, and return leg metrics (settings, samples)."""
     flights = simulate_batch(settings_batch(scenario, settings, samples), compiled=compiled)
     return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_rows(settings), len(samples))))
 
 
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
-    """Return the batch of all samples with the first setting, then all samples with the second setting, and so on."""
+    """Return a batch that contains all samples with the first setting, then all samples with the second, and so on."""
     columns = all_combinations(settings, {"sample": np.asarray(samples)})
     varying = {path: columns[name] for name in settings for path in _FIELD_PATHS[name]}
     return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

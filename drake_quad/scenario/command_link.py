@@ -21,7 +21,7 @@ class CommandLinkSettings(Model):
     loss_rate: Probability = field_from_record(LinkParameters, "loss_rate", "fraction of packets that are lost")
 
     def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:
-        """Return the recipe for the links of a fleet.
+        """Return the recipe to build the links of a fleet.
 
         Args:
             fleet: link of a `Batch.fleet_scenario`.

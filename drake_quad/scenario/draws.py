@@ -32,7 +32,7 @@ class DesignedDraws(Model):
         " probabilities; `sobol`: a scrambled Sobol sequence, which also covers combinations of fields evenly"
     )
     size: Annotated[int, Field(ge=2, le=MAX_SIZE)] = Field(
-        description="number of samples of a replicate; a power of two for `sobol`"
+        description="number of samples in each replicate; a power of two for `sobol`"
     )
 
     @model_validator(mode="after")

@@ -11,7 +11,8 @@ from drake_quad.scenario.quantities import extremes
 from drake_quad.vehicle import rigid_body
 
 INERTIA_RULE = (
-    "; no moment may exceed the sum of the other two, and impossible draws are replaced by the nearest possible ones"
+    "; no moment may exceed the sum of the other two, and impossible random values are replaced by the nearest possible"
+    " ones"
 )
 
 

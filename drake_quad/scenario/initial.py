@@ -18,7 +18,7 @@ class InitialState(Model):
 
     frame: Literal["reference", "world"] = Field(
         default="reference",
-        description="`reference` adds position and yaw to those of the reference at time 0; `world` replaces them",
+        description="`reference`: position and yaw are relative to the reference at time 0; `world`: they are absolute",
     )
     position: Position = Field(default=(0.0, 0.0, 0.0), description="position along X, Y and Z of W (m)")
     velocity: Position = Field(default=(0.0, 0.0, 0.0), description="velocity along X, Y and Z of W (m/s)")

@@ -21,7 +21,7 @@ _Turns = Literal["clockwise", "anticlockwise"]
 class RotorLayout(Model):
     """Positions and directions of rotation of four rotors.
 
-    In a fleet scenario, values that a study draws are (N,) arrays.
+    In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         is_paired: True if opposite rotors of every airframe with this layout form pairs; see `paired_rotor_action`.
@@ -64,7 +64,7 @@ class _Alternating(RotorLayout):
     is_paired: ClassVar = True
     has_sides: ClassVar = False
     _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
-    # Length and width, relative to the arm length.
+    # Length and width of the rectangle of rotors, relative to the arm length.
     _distance_per_arm: ClassVar = sqrt(2.0)
 
     @model_validator(mode="after")

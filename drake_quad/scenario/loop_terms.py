@@ -32,7 +32,7 @@ class LoopTerms(Model):
         default=None, description="bandwidth of the low-pass filter on the derivative (rad/s); no filter if not given"
     )
     derivative_order: Annotated[Order, needs("derivative_bandwidth")] = Field(
-        default=2, description="order of this filter: 2 for Butterworth, 1 for a first-order lag"
+        default=2, description="order of the low-pass filter: 2 for Butterworth, 1 for a first-order lag"
     )
     k_ff: Gains | None = Field(
         default=None, description="feed-forward gains from the setpoint (unit of the proportional gains)"

@@ -134,7 +134,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     @model_serializer(mode="wrap")
     def _serialized(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Serialize the fields, without the arm length if the layout has distances, which would contradict it."""
+        """Serialize the fields, without the arm length if it follows from distances in the layout."""
         fields: dict[str, Any] = write(self)
         return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
@@ -196,7 +196,7 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
         return self
 
     def implausible_fields(self) -> Iterator[tuple[str, str]]:
-        """Yield questions about implausible ratios between mass, inertia, thrust and drag."""
+        """Yield remarks on implausible ratios between mass, inertia, thrust and drag."""
         yield from implausible_proportions(self)
 
 
@@ -326,7 +326,7 @@ class Laboratory(Model):
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
-        """Sensors by port name. This is the kind, followed by a number from the second sensor of the kind on."""
+        """Sensors by port name: the kind, and a number if there are several sensors of the same kind."""
         kinds = [sensor.kind for sensor in self.sensors]
         return {
             sensor_port_name(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor
@@ -335,7 +335,7 @@ class Laboratory(Model):
 
     @property
     def sensor_signals(self) -> list[str]:
-        """Names of the signals of all sensors: readings, and validities of readings that can be missing."""
+        """Names of the signals of all sensors: readings, and validity flags if readings can be missing."""
         sensors = self.named_sensors
         return [*sensors, *(valid_signal(name) for name, sensor in sensors.items() if sensor.can_miss)]
 
@@ -364,16 +364,16 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
 
 
 class MetricWindow(Model):
-    """Metrics of a flight: the window over which they are computed, and additional metrics."""
+    """Metrics of a flight: the time window in which they are computed, and additional metrics."""
 
-    start: FixedMoment = Field(default=0.0, description="start of the window (s)")
+    start: FixedMoment = Field(default=0.0, description="start of the metric window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
         default=None,
         description="first lap of the window, in place of `start`; the window then ends with the last lap of the route,"
         " and a route without laps is one lap",
     )
     end: FixedMoment | None = Field(
-        default=None, description="end of the window (s); the end of the flight if not given"
+        default=None, description="end of the metric window (s); the end of the flight if not given"
     )
 
     additional: dict[str, AnyMetric] = Field(
@@ -409,7 +409,7 @@ class MetricWindow(Model):
         return self
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as an end of the window after the end of the flight."""
+        """Yield settings without effect, such as an end of the time window after the end of the flight."""
         yield from super().inactive_settings(flight, path)
         yield from late_setting(self, "end", flight, path)
 
@@ -511,7 +511,7 @@ class Scenario(Mission):
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
     draws: DesignedDraws | None = Field(
-        default=None, description="design of a study's draws; independent draws if not given"
+        default=None, description="sampling design of a study; independent random samples if not given"
     )
 
     def _summary(self) -> list[str]:

@@ -41,7 +41,7 @@ _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 class MotionCaptureSettings(AidingSensor, Model):
     """Cameras that measure position and attitude. Velocity and body rates are measured or differentiated."""
 
-    period: Period = Field(default=0.01, description="time between frames (s); the default is the paper's")
+    period: Period = Field(default=0.01, description="time between camera frames (s); the default is the paper's")
     position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_from_record(
         CameraParameters, "position_noise", "standard deviation of each coordinate"
     )
@@ -88,7 +88,7 @@ class MotionCaptureSettings(AidingSensor, Model):
         return PoseAiding(PositionAiding(position, position, position), AttitudeAiding(attitude))
 
     def recipe(self, fleet: Any, *, reports_losses: bool = False) -> Recipe:
-        """Return the recipe for the cameras of a fleet.
+        """Return the recipe to build the cameras of a fleet.
 
         Args:
             fleet: cameras of a `Batch.fleet_scenario`.

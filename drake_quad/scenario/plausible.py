@@ -1,9 +1,9 @@
 """Plausible ranges of fields in the scenario language, and the unit in which an implausible number was probably given.
 
-A number outside the plausible range is questioned but accepted, since the language also describes unusual vehicles. The
+A number outside the plausible range is accepted with a remark, since the language also describes unusual vehicles. The
 ranges cover vehicles from 20 g to 20 kg, with a margin. They are declared in the field annotations. A mapping that
 checks whether several fields are plausible in combination extends the method `implausible_fields`.
-`drake_quad.flight.remarks` collects the questions.
+`drake_quad.flight.remarks` collects the remarks.
 """
 
 import math
@@ -34,7 +34,7 @@ class Plausible:
     upper: float = math.inf
 
     def explain_implausibility(self, value: Any, period: float) -> str:
-        """Return a clause that questions an implausible number or distribution; empty if it is plausible.
+        """Return a clause that explains why a number or distribution is implausible; empty if it is plausible.
 
         Args:
             value: number or distribution.
@@ -63,7 +63,7 @@ class PlausibleDelay:
     upper: float
 
     def explain_implausibility(self, value: Any, period: float) -> str:
-        """Return a clause that questions an implausible number of ticks; see `Plausible.explain_implausibility`."""
+        """Return a clause that explains why a number of ticks is implausible; empty if it is plausible."""
         ticks = max(numbers_in(value), default=0.0)
         if ticks * period <= self.upper:
             return ""

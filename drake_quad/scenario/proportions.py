@@ -1,4 +1,4 @@
-"""Questions about a nominal vehicle with implausible ratios of fields, as if one field had another unit."""
+"""Remarks on a nominal vehicle with implausible ratios of fields, as if one field had another unit."""
 
 import math
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-
 
 
 def implausible_proportions(nominal: Any) -> Iterator[tuple[str, str]]:
-    """Yield a field and a question about it for each implausible ratio of a nominal vehicle."""
+    """Yield a field and a remark on it for each implausible ratio of a nominal vehicle."""
     arm = arm_length_range(nominal)[1]
     clauses = {axis: _inertia_clause(moment, nominal.mass, arm) for axis, moment in enumerate(nominal.inertia)}
     for axis, clause in clauses.items():
@@ -61,7 +61,7 @@ def _max_thrust(nominal: Any) -> tuple[float, str, str]:
 
 
 def _inertia_clause(moment: float, mass: float, arm: float) -> str:
-    """Return a question about a moment of inertia (kg m²), given the vehicle's mass (kg) and arm length (m)."""
+    """Return a remark if a moment of inertia (kg m²) is implausible for mass (kg) and arm length (m), else ""."""
     low, high = _GYRATION_RATIOS
     gyration = math.sqrt(moment / mass)
     if low * arm <= gyration <= high * arm:

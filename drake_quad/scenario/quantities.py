@@ -30,11 +30,11 @@ def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
 
 
 def field_from_record(record: Any, name: str, text: str, *, rule: str = "") -> Any:
-    """Return a model field whose default and unit are copied from a field of a record.
+    """Return a model field whose default and unit are copied from a field of a named tuple.
 
     Args:
-        record: type of the record, or a record whose values are the defaults.
-        name: name of the field in the record.
+        record: type of the named tuple, or an instance whose values are the defaults.
+        name: name of the field in the named tuple.
         text: description of the field before the unit.
         rule: text of the description after the unit.
     """
@@ -219,7 +219,7 @@ Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=Fal
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
-# Types of the same quantities that do not allow distributions.
+# Types of the quantities above that do not allow distributions.
 FixedPositive = Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)]
 FixedNonNegative = Annotated[float, Field(ge=0.0, le=MAX_MAGNITUDE)]
 FixedMoment = Annotated[float, Field(ge=0.0, le=MAX_DURATION)]

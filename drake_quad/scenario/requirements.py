@@ -19,7 +19,7 @@ from drake_quad.scenario.quantities import FixedMoment
 class Condition(Model):
     """Condition on signals: bounds on a scalar signal, or a combination of conditions."""
 
-    signal: str | None = Field(default=None, description="derived signal, or row of a signal such as `state.z`")
+    signal: str | None = Field(default=None, description="derived signal, or component of a signal such as `state.z`")
     above: Real | None = Field(default=None, description="lower bound, in the unit of the signal")
     below: Real | None = Field(default=None, description="upper bound, in the unit of the signal")
     all: Annotated[tuple["Condition", ...], Field(strict=False, min_length=1)] | None = Field(
@@ -42,12 +42,12 @@ class Condition(Model):
     @model_validator(mode="after")
     def _is_of_one_form(self) -> "Condition":
         if [self.signal, self.all, self.any].count(None) != 2:
-            raise validation_error("must have exactly one of signal, all and any")
+            raise validation_error("must have exactly one of the fields `signal`, `all` and `any`")
         bounded = self.above is not None or self.below is not None
         if bounded != (self.signal is not None):
-            raise validation_error("must have a bound, above or below, if and only if it has a signal")
+            raise validation_error("must have a bound (`above` or `below`) if it has a `signal`, and otherwise none")
         if self.above is not None and self.below is not None and not self.above < self.below:
-            raise self.field_error(f"must be larger than above, {self.above}", "below")
+            raise self.field_error(f"must be larger than `above`, {self.above}", "below")
         if len(units := self.units()) > 1:
             raise validation_error(
                 f"must not combine signals in {' and '.join(sorted(units))}, since their margins cannot be compared;"
@@ -76,28 +76,30 @@ class Condition(Model):
 class Requirement(Model):
     """Requirement on a flight. It is satisfied if its robustness is at least 0."""
 
-    always: Condition | None = Field(default=None, description="condition that must hold at all ticks of the window")
+    always: Condition | None = Field(
+        default=None, description="condition that must hold at all ticks of the requirement's window"
+    )
     eventually: Condition | None = Field(
-        default=None, description="condition that must hold at one or more ticks of the window"
+        default=None, description="condition that must hold at one or more ticks of the requirement's window"
     )
     until: Condition | None = Field(
         default=None,
-        description="condition that must hold at one tick of the window; up to this tick, the condition of `always`"
-        " must hold from the start of the flight",
+        description="condition that must hold at one tick of the requirement's window; up to this tick, the condition"
+        " of `always` must hold from the start of the flight",
     )
-    after: FixedMoment = Field(default=0.0, description="start of the window (s)")
+    after: FixedMoment = Field(default=0.0, description="start of the requirement's window (s)")
     before: FixedMoment | None = Field(
-        default=None, description="end of the window (s); the end of the flight if not given"
+        default=None, description="end of the requirement's window (s); the end of the flight if not given"
     )
 
     @model_validator(mode="after")
     def _is_of_one_form(self) -> "Requirement":
         if (self.always is None) == (self.eventually is None):
-            raise validation_error("must have either always or eventually")
+            raise validation_error("must have either `always` or `eventually`")
         if self.until is not None and self.always is None:
-            raise validation_error("must have always if it has until")
+            raise validation_error("must have `always` if it has `until`")
         if self.before is not None and not self.before > self.after:
-            raise self.field_error(f"must be later than after, {self.after}", "before")
+            raise self.field_error(f"must be later than `after`, {self.after}", "before")
         if len(units := {unit for each in self._conditions() for unit in each.units()}) > 1:
             raise validation_error(
                 f"must not combine signals in {' and '.join(sorted(units))}, since their margins cannot be compared"
@@ -108,7 +110,7 @@ class Requirement(Model):
         return [each for each in (self.always, self.eventually, self.until) if each is not None]
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as a window after the end of the flight."""
+        """Yield settings without effect, such as a time window after the end of the flight."""
         yield from super().inactive_settings(flight, path)
         yield from late_setting(self, "after", flight, path)
 

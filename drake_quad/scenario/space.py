@@ -145,7 +145,7 @@ class SpaceSettings(Model):
         return obstacles
 
     def flight_space(self, farthest_rotor: float, tracking_error: float = 0.0) -> Space:
-        """Return the space as a record with solids and clearances.
+        """Return the space with its solids and clearances, in the form that planner and simulation use.
 
         Args:
             farthest_rotor: distance of the farthest rotor centre from the centre of mass, m.

@@ -36,7 +36,7 @@ _POINTS_PER_AXIS = 21
 # Largest number of pieces that are considered if obstacles divide a waypoint's region. Pieces near the middle of the
 # region come first.
 _MAX_PIECES = 4
-# Number of passages that are drawn at random in addition to the shortest passage.
+# Number of random draws of alternatives to the shortest passage.
 _NUM_OTHER_PASSAGES = 12
 # Largest number of routes whose times are optimised. One optimisation takes almost a second.
 _MAX_OPTIMISED_ROUTES = 3
@@ -280,7 +280,7 @@ def _routes_through(
     regions.cover(points, grid.nearest[free])
     candidates = []
     for i, corridor in enumerate(problem.corridors):
-        # If there is no corridor, both legs at a waypoint share the routes from it.
+        # Routes from a waypoint are searched once for both adjacent legs, unless the leg has a corridor.
         leg = None if corridor is None else i
         (lengths, before), (onward, _) = field(i, leg), field(i + 1, leg)
         route = grid.shortest_route(lengths, before, free_points[i], free_points[i + 1])
@@ -322,7 +322,7 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
             farthest = int(distances.argmax())
             count = "no point" if distances[farthest] + 0.5 * diagonal < space.clearance else "almost no point"
             raise InputError(
-                f"waypoint {i}, {region} m, has {count} with a clearance of {space.clearance:.3g} m"
+                f"waypoint {i}, {region} m, contains {count} with a clearance of {space.clearance:.3g} m"
                 f" ({space.clearance_text}): {space.names[numbers[farthest]]} is too near"
             )
         free_points.append(free[np.linalg.norm(free - middle, axis=1).argsort(kind="stable")])

@@ -13,8 +13,8 @@ from drake_quad.space.space import Space
 
 # Largest number of points and smallest spacing (m) of the grids on which routes are searched.
 _GRIDS = ((500_000, 0.05), (3_000_000, 0.02))
-# Largest number of obstacles in a set up to which all sets are tried. If the removal of no such set opens a route, one
-# larger minimal set is determined.
+# All sets of up to this number of obstacles are tried. If the removal of none of them opens a route, one larger minimal
+# set is determined.
 _MAX_SET_SIZE = 2
 
 
@@ -37,7 +37,8 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         search = _Search(Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
-            # Each leg alone may have a route, although none starts where the preceding leg can end.
+            # Even if each leg has a route, it can happen that no route of a leg starts where the preceding leg can end.
+            # Therefore the route from waypoint 0 is also checked.
             for first in dict.fromkeys((last - 1, 0)):
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
@@ -113,8 +114,9 @@ def _sentence(space: Space, problem: PathProblem, first: int, last: int, blockin
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
     """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is none.
 
-    Sets whose removal certainly opens a route are preferred. The route is certain if its points exceed the clearance
-    from the remaining obstacles by half a cell diagonal, since the lines between neighbours are then free.
+    Sets whose removal certainly opens a route are preferred. A route is certain if the distances of its points from the
+    remaining obstacles exceed the clearance by half a cell diagonal: the lines between neighbouring points are then
+    free.
     """
     max_points, min_spacing = _GRIDS[0]
     grid = Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)

@@ -36,8 +36,8 @@ class NearestApproach(NamedTuple):
 def nearest_approach(path: PolynomialPath, space: Space) -> NearestApproach | None:
     """Return the point at which a path comes nearest to an obstacle, or None if there are no obstacles.
 
-    The distance is accurate to a hundredth of a millimetre. The method is branch and bound. A piece of the path is at
-    most as long as its duration times the largest speed on its segment, and along the piece the distance from an
+    The distance is accurate to a hundredth of a millimetre. The method is branch and bound. The length of a piece of
+    the path is at most its duration times the largest speed on its segment. Along the piece, the distance from an
     obstacle changes by at most this length. Pieces that cannot contain the minimum are discarded, and all other pieces
     are halved.
     """

@@ -27,8 +27,8 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Smallest number of candidate regions for a leg. If the leg's chain of regions is longer, all of them are candidates.
-# With eight candidates, the search takes half a second.
+# Largest number of candidate regions for a leg, unless the leg's chain of regions is longer. With eight candidates, the
+# search takes half a second.
 _MAX_CANDIDATES = 8
 # Cost of a transition to another region, m. It favours paths with fewer segments, which have fewer turns.
 _TRANSITION_COST = 0.1

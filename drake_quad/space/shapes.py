@@ -325,7 +325,7 @@ def convex_hull(points: ArrayLike) -> Hull:
     a, b, c = corners[facets].transpose(1, 0, 2)
     is_inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     facets[is_inward, 1:] = facets[is_inward, :0:-1]
-    # Triangles of the same face have the same plane, except for rounding.
+    # Triangles of the same face lie in the same plane, except for rounding.
     planes, face_of_facet = np.unique(np.round(hull.equations, 9), axis=0, return_inverse=True)
     normals = planes[:, :3] / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     shared: dict[tuple[int, int], set[int]] = {}
@@ -356,7 +356,7 @@ def transformed_points(
 
 
 def _product(normal: Sequence[float], rows: Sequence[Row]) -> Row:
-    """Return the scalar product of a constant vector and rows, omitting multiplications by 0 or 1."""
+    """Return the scalar product of a constant vector and another vector, omitting multiplications by 0 or 1."""
     terms = [row if n == 1.0 else n * row for n, row in zip(normal, rows, strict=True) if n != 0.0]
     return total(terms)
 

@@ -5,8 +5,8 @@
 2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
    corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
 
-The result contains the original hull. No point of the result is farther from the original hull than one of its corners,
-so the distance of the corners bounds the error.
+The result contains the original hull. The point of the result that is farthest from the original hull is one of its
+corners, so only the distances of the corners are computed.
 
 The algorithm runs twice: with distances in metres, and with distances in principal axes that are scaled so that the
 hull has the same width along each axis. The better result is returned.
@@ -96,8 +96,10 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
     as_wide_as_long = along / widths
     margin = max(_MIN_ROUNDING_MARGIN, _ROUNDING_ERROR * float(np.abs(corners).max() / widths.min()))
     hulls = []
+    candidates = _candidates(as_wide_as_long)
     for each in (offsets / size, as_wide_as_long):
-        enlarged = _around(as_wide_as_long, as_wide_as_long[_spread(each, max_corners)], margin)
+        selected = candidates[_select_corners(each[candidates], max_corners)]
+        enlarged = _scaled_to_contain(as_wide_as_long, as_wide_as_long[selected], margin)
         hulls.append(middle + (enlarged * widths) @ axes)
     growths = [float(hull.distances(each).max()) for each in hulls]
     best = int(np.argmin(growths))
@@ -117,19 +119,21 @@ def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return middle, widths, axes
 
 
-def _spread(corners: np.ndarray, count: int) -> np.ndarray:
+def _candidates(corners: np.ndarray) -> np.ndarray:
+    """Return the indices of the corners among which the algorithm selects."""
+    if len(corners) <= _MAX_CANDIDATES:
+        return np.arange(len(corners))
+    return np.unique((corners @ _directions(_MAX_CANDIDATES).T).argmax(axis=0))
+
+
+def _select_corners(candidates: np.ndarray, count: int) -> np.ndarray:
     """Return the indices of `count` corners, each selected as the farthest from the hull of the preceding corners."""
-    candidates = np.arange(len(corners))
-    if len(corners) > _MAX_CANDIDATES:
-        candidates = np.unique((corners @ _directions(_MAX_CANDIDATES).T).argmax(axis=0))
-    tried = corners[candidates]
-    selected = list(dict.fromkeys([*tried.argmax(axis=0).tolist(), *tried.argmin(axis=0).tolist()]))
+    selected = list(dict.fromkeys([*candidates.argmax(axis=0).tolist(), *candidates.argmin(axis=0).tolist()]))
     while len(selected) < count:
-        distances = _outside(tried, tried[selected])
+        distances = _distances_from_hull(candidates, candidates[selected])
         distances[selected] = -np.inf
         selected.append(int(distances.argmax()))
-    numbers: np.ndarray = candidates[selected]
-    return numbers
+    return np.array(selected)
 
 
 def _directions(count: int) -> np.ndarray:
@@ -141,7 +145,7 @@ def _directions(count: int) -> np.ndarray:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
-def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _distances_from_hull(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the distances (n,) of points (n, 3) from the hull of corners, normal to its faces; negative inside.
 
     If the corners span only a plane, a line or a point, the distance is measured from this subspace.
@@ -160,11 +164,15 @@ def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the outward unit normals (n, 3) and the offsets (n,) of the faces of a hull."""
-    equations = scipy.spatial.ConvexHull(corners).equations
-    return equations[:, :3], -equations[:, 3]
+    middle, widths, axes = _principal(corners)
+    # Qhull fails for thin hulls, so it gets corners that are spread equally along each axis.
+    scaled_normals = scipy.spatial.ConvexHull((corners - middle) @ axes.T / widths).equations[:, :3]
+    normals = (scaled_normals / widths) @ axes
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, (normals @ corners.T).max(axis=1)
 
 
-def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
+def _scaled_to_contain(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
     """Shift corners, and scale them by the smallest factor with which their hull contains all points.
 
     Args:

@@ -82,7 +82,8 @@ def quantile_interval(
     # The number of values below the quantile has a binomial distribution. The error probability is divided equally
     # between the two ends.
     tail, number = 0.5 * (1.0 - confidence), n if effective_number is None else math.floor(effective_number)
-    # The ranks among the effective number of values are scaled to the ranks among all values, rounded outwards.
+    # The ranks are determined for the effective number of values. They are scaled to ranks among all values and rounded
+    # outwards.
     first = math.floor(_binomial_quantile(tail, number, probability) * n / number)
     last = math.ceil((_binomial_quantile(1.0 - tail, number, probability) + 1) * n / number)
     return Interval(
@@ -193,7 +194,7 @@ def _correlation_interval(rho: float, count: int, confidence: float) -> Interval
 
     Args:
         rho: rank correlation.
-        count: number of pairs.
+        count: number of samples, minus the number of covariates.
         confidence: probability that the interval contains the true value.
     """
     half_width = scipy.special.ndtri(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))

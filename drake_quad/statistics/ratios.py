@@ -1,7 +1,7 @@
 """Ratio of the mean of a metric in one study to its mean in another study with the same samples.
 
-The estimated ratio is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ if b varies,
-and only E[a] / E[b] is above 1 if and only if the difference E[a] - E[b] is positive.
+The estimated ratio is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ if b varies.
+Only E[a] / E[b] agrees with the difference of the means: it is above 1 if and only if E[a] - E[b] is positive.
 """
 
 import math
@@ -36,8 +36,9 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
     ratio = float(np.mean(values)) / mean
     if n < 2:
         return Interval(ratio, math.nan, math.nan)
-    # Let d be R minus the estimated ratio, and e = a - ratio b the residuals, whose mean is zero. The set consists of
-    # all R with (mean² - q var(b)) d² + 2 q cov(e, b) d - q var(e) <= 0.
+    # Let d be R minus the estimated ratio, e = a - ratio b the residuals, whose mean is zero, and q the squared
+    # quantile of Student's distribution divided by n. The set consists of all R with
+    # (mean² - q var(b)) d² + 2 q cov(e, b) d - q var(e) <= 0.
     q = float(scipy.special.stdtrit(n - 1, 0.5 * (1.0 + confidence))) ** 2 / n
     (var_e, cov), (_, var_b) = np.cov(np.stack([values - ratio * baseline, baseline]))
     square, half = mean**2 - q * var_b, q * cov

@@ -29,7 +29,7 @@ _NUM_RUNNING_MEANS = 60  # number of points at which the running mean of depende
 
 
 class Replicates:
-    """Replicates to which samples belong, with estimates whose intervals allow for the dependence within replicates.
+    """Assignment of samples to replicates, with estimates whose intervals allow for dependence within replicates.
 
     Args:
         indices: (n,) index of the replicate of each sample; None if all samples are independent.

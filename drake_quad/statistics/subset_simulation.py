@@ -33,6 +33,11 @@ MAX_NOISE = 2**31
 _MAX_LEVELS = 15  # each level divides the probability by about ten, so estimates reach about 1e-15
 _INITIAL_STEP = 0.6
 _TARGET_ACCEPTANCE = 0.44  # acceptance rate at which the chains mix fastest, from Papaioannou et al.
+# A rejected proposal repeats a sample, so a few samples always have the same performance. Beyond this ratio of the
+# samples that reach a threshold to the intended number, the performance itself is constant.
+_MAX_REPETITION = 1.5
+_MAX_FRACTION = 0.5  # largest fraction of the samples that may satisfy the condition of the next step
+_MIN_SEEDS = 10  # smallest number of different samples from which chains start
 
 Performance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Function from (n, d) points of standard normal space and (n, b) integers to the performances (n,).
@@ -47,6 +52,9 @@ class SubsetRun(NamedTuple):
     Attributes:
         probability: estimated probability of the event; 0 if the event was not reached.
         levels: threshold on the performance after each step; the last threshold is 0 if the event was reached.
+        fractions: fraction of the samples of each step that reach its threshold.
+        equal_fraction: fraction of the samples of the last step that have the same performance, if the run ended
+            because too few samples are closer to the event; otherwise 0.
         points: (m, d) points of the last samples at which the event occurs.
         noise: (m, b) integers that determine the noise of these samples.
         performance: (m,) performances of these samples.
@@ -56,23 +64,20 @@ class SubsetRun(NamedTuple):
 
     probability: float
     levels: tuple[float, ...]
+    fractions: tuple[float, ...]
+    equal_fraction: float
     points: np.ndarray
     noise: np.ndarray
     performance: np.ndarray
     num_evaluations: int
     history: np.ndarray
 
-    def exceedance(self, thresholds: np.ndarray, fraction: float) -> np.ndarray:
-        """Return the estimated probabilities that the performance is at least each of the (k,) thresholds.
-
-        Args:
-            thresholds: (k,) thresholds.
-            fraction: fraction of the samples that satisfy the condition of the next step.
-        """
+    def exceedance(self, thresholds: np.ndarray) -> np.ndarray:
+        """Return the estimated probabilities that the performance is at least each of the (k,) thresholds."""
         result = np.empty(len(thresholds))
         for i, threshold in enumerate(thresholds):
             step = sum(level <= threshold for level in self.levels[:-1])
-            result[i] = fraction**step * np.mean(self.history[step] >= threshold)
+            result[i] = math.prod(self.fractions[:step]) * np.mean(self.history[step] >= threshold)
         return result
 
 
@@ -127,14 +132,16 @@ def subset_steps(
     """Run subset simulation as a generator that yields samples and is sent their performances.
 
     A proposal changes all coordinates a little, and draws some of the integers again. Both moves preserve the
-    distribution of the samples.
+    distribution of the samples. If most samples of a step have the same performance, only the samples that are closer
+    to the event satisfy the condition of the next step. A run ends without an estimate if there are too few of them.
 
     Args:
         num_coordinates: number d of coordinates of a point.
         num_noise: number b of integers of a sample.
         generator: source of random numbers.
         size: number of samples in each step, a multiple of 1 / `fraction`.
-        fraction: fraction of the samples that satisfy the condition of the next step.
+        fraction: smallest fraction of the samples that satisfy the condition of the next step, unless most samples have
+            the same performance.
 
     Returns:
         The finished run.
@@ -143,14 +150,25 @@ def subset_steps(
     points = generator.standard_normal((size, num_coordinates))
     noise = generator.integers(MAX_NOISE, size=(size, num_noise))
     values = yield points, noise
-    levels, history, num_evaluations, step = [], [], size, _INITIAL_STEP
+    levels, fractions, history, num_evaluations, step = [], [], [], size, _INITIAL_STEP
+    equal_fraction = 0.0
     for _ in range(_MAX_LEVELS):
         history.append(np.sort(values)[::-1])
         level = min(float(history[-1][num_chains - 1]), 0.0)
+        if level < 0.0 and np.mean(values >= level) > _MAX_FRACTION:
+            closer = values[values > level]
+            if len(closer) < _MIN_SEEDS:
+                equal_fraction = float(np.mean(values == level))
+            else:
+                level = 0.0 if np.all(closer >= 0.0) else float(np.nextafter(level, 0.0))
         levels.append(level)
-        if level == 0.0:
+        reaching = float(np.mean(values >= level))
+        repeats = level < 0.0 and fraction <= reaching <= _MAX_REPETITION * fraction
+        fractions.append(fraction if repeats else reaching)
+        if level == 0.0 or equal_fraction:
             break
         chosen = np.argsort(-values, kind="stable")[:num_chains]
+        chosen = np.resize(chosen[values[chosen] >= level], num_chains)
         chain = points[chosen], noise[chosen], values[chosen]
         states = [chain]
         for length in range(1, size // num_chains):
@@ -166,10 +184,18 @@ def subset_steps(
             states.append(chain)
             step = min(1.0, step * math.exp((is_accepted.mean() - _TARGET_ACCEPTANCE) / math.sqrt(length)))
         points, noise, values = (np.concatenate(each) for each in zip(*states, strict=True))
-    occurs = values >= 0.0
-    probability = fraction ** (len(levels) - 1) * float(occurs.mean())
+    is_reached = levels[-1] == 0.0
+    occurs = (values >= 0.0) & is_reached
     return SubsetRun(
-        probability, tuple(levels), points[occurs], noise[occurs], values[occurs], num_evaluations, np.stack(history)
+        math.prod(fractions) if is_reached else 0.0,
+        tuple(levels),
+        tuple(fractions),
+        equal_fraction,
+        points[occurs],
+        noise[occurs],
+        values[occurs],
+        num_evaluations,
+        np.stack(history),
     )
 
 

@@ -45,7 +45,7 @@ class DaskPool(WorkerPool):
         """Wait for outcomes, as `WorkerPool.next_outcomes` does.
 
         Raises:
-            ConnectionError: the scheduler does not reply, or the cluster has had no workers for a minute.
+            ConnectionError: if the scheduler does not reply, or the cluster has had no workers for a minute.
         """
         while True:
             done = [future for future in self._pending if future.done()]
@@ -108,7 +108,7 @@ def dask_pool(address: str, num_workers: int | None = None) -> Iterator[DaskPool
         num_workers: number of simultaneous tasks; by default, one for each thread of the cluster's workers.
 
     Raises:
-        InputError: Dask is not installed, no scheduler or no worker can be reached, or a worker has different code.
+        InputError: if Dask is not installed, no scheduler or no worker can be reached, or a worker has different code.
     """
     try:
         from distributed import Client
@@ -134,7 +134,7 @@ def _connected(client: Callable[..., Any], address: str) -> Any:
     """Return a client that is connected to the scheduler at an address.
 
     Raises:
-        InputError: no scheduler can be reached at this address.
+        InputError: if no scheduler can be reached at this address.
     """
     try:
         return client(address, timeout=_CONNECTION_TIMEOUT, set_as_default=False)
@@ -150,7 +150,7 @@ def _check_code(client: Any) -> None:
     """Check that all workers have the same versions and sources as this process.
 
     Raises:
-        InputError: a worker has different code, or cannot import it.
+        InputError: if a worker has different code, or cannot import it.
     """
     here = provenance()
     for worker, there in client.run(provenance, on_error="return").items():

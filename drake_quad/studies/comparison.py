@@ -29,7 +29,7 @@ def fly_samples(
         (N,) values of each metric.
 
     Raises:
-        InputError: the route contains a distribution, or the rotors are too weak for it.
+        InputError: if the route contains a distribution, or the rotors are too weak for it.
     """
     fleet = StudyFleet(scenario, plan_route(scenario), len(samples), compiled=compiled)
     return fly_with_metrics(fleet, Batch.draw(scenario, samples), progress)

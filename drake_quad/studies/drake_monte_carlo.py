@@ -30,7 +30,7 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         (n,) values of each metric.
 
     Raises:
-        InputError: `build_tracking_diagram` cannot build the diagram of a sample.
+        InputError: if `build_tracking_diagram` cannot build the diagram of a sample.
     """
     seed = scenario.seed if seed is None else seed
     plan = plan_route(scenario)
@@ -45,7 +45,8 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         flights.append(read_metrics(diagram, context))
         return float(flights[-1].rmse[0])
 
-    # The simulation ends between the last tick, whose updates would otherwise remain pending, and the next event.
+    # The simulation ends after the last tick and before the next event. If it ended at the tick, its updates would
+    # remain pending.
     final_time = flight_duration(scenario, plan) + 0.25 * min(scenario.periods.values())
     MonteCarloSimulation(make_simulator, output, final_time, num_samples, RandomGenerator(seed))
     return flights[0].with_values(np.concatenate(values) for values in zip(*flights, strict=True))

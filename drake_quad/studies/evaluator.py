@@ -145,7 +145,7 @@ class Evaluator:
         return build_point_batch(self.scenario, np.concatenate([[0.0], point, numbers])[None]).vehicle_scenario(0)
 
     def _flown(self, flights: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield the rows of `fly_points` for each finished batch of flights (n, 1 + d + num_periods)."""
+        """Yield the result of `fly_points` for each finished batch of flights (n, 1 + d + num_periods)."""
         if self._pool is None:
             for part in _parts(flights, self._job.num_vehicles):
                 yield point_rows(get_fleet(self._job, self._fleets, len(part)), part)

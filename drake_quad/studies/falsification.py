@@ -26,6 +26,8 @@ from drake_quad.studies.stored_flights import stored_flights
 from drake_quad.studies.worker_pool import WorkerPool
 
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
+_MAX_VALUE = 0.5e9  # largest magnitude of a metric in the search, which replaces infinity
+_MAX_MEAN = 4e6  # largest magnitude of a finite mean; with one infinite metric, the mean of 100 flights exceeds it
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
 _INITIAL_STEP = 1.0  # initial step size of CMA-ES, standard deviations
@@ -39,19 +41,21 @@ class WorstCase:
         metric: name of the metric.
         is_maximised: True if a larger metric is worse.
         value: metric of the worst case; infinite for a crash.
+        is_crash: True if the worst case is a crash.
         names: names of the d random numbers.
         point: (d,) random numbers of the worst case, in standard deviations.
         values: nominal value and worst value of each field with a distribution, by path.
         scenario: scenario of the worst case, with its wind and noise.
         nominal: scenario with the median of each distribution, and with the same wind and noise.
-        means: best metric after each generation, as the mean over the samples of wind and noise; infinite if all
-            flights crash.
+        means: worst metric of each generation, as the mean over the samples of wind and noise; infinite if a flight
+            crashes, or if its metric is infinite.
         num_flights: number of flights.
     """
 
     metric: str
     is_maximised: bool
     value: float
+    is_crash: bool
     names: tuple[str, ...]
     point: np.ndarray
     values: Mapping[str, tuple[float, float]]
@@ -97,10 +101,11 @@ def find_worst_case(
 
     Raises:
         InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; if there are
-            too few flights for one generation; or if the folder contains another study.
+            too few flights for one generation; if the metric is the same in all flights; or if the folder contains
+            another study.
         ImportError: if the library cma is not installed.
         RuntimeError: if workers cannot fly a candidate.
-        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
+        StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     lookup(metric_definitions(scenario.metrics_type), metric, "metric")
     check_integer(num_noise, "num_noise", minimum=1)
@@ -119,9 +124,11 @@ def find_worst_case(
         if np.isnan(values[~metrics.crashed]).any():
             raise InputError(f"{metric} is not defined in every flight")
         remaining = 1.0 - np.minimum(metrics.crash_time, duration) / duration
-        return np.where(metrics.crashed, _CRASH_VALUE * (1.0 + remaining), values)
+        limited = np.clip(values, -_MAX_VALUE, _MAX_VALUE)
+        return np.where(metrics.crashed, _CRASH_VALUE * (1.0 + remaining), limited)
 
     worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
+    best = math.inf  # smallest value of the search
     means: list[float] = []
     settings = {"search": "falsify", "metric": metric, "maximise": maximise, "sigma": sigma, "noise": num_noise}
 
@@ -156,14 +163,18 @@ def find_worst_case(
                 flown = flights(np.repeat(scipy.special.ndtr(points), num_noise, axis=0), np.tile(noise, population))
                 rows = flown.reshape(population, num_noise)
                 search.tell(candidates, [*-rows.mean(axis=1)])
+                best = min(best, float(rows.min()))
                 row, column = np.unravel_index(int(rows.argmax()), rows.shape)
                 worst = max(
                     worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0]
                 )
-                mean = float(rows.mean(axis=1).max())
-                means.append(math.inf if mean > 0.1 * _CRASH_VALUE else sign * mean)
+                means.append(sign * _metric(float(rows.mean(axis=1).max())))
             population, restart = 2 * population, restart + 1
     value, point, number = worst
+    if value == best and value < _CRASH_VALUE:
+        raise InputError(
+            f"{metric} is {sign * _metric(value):.4g} in all {flights.num_flights:,} flights, so there is no worst case"
+        )
     uniform = scipy.special.ndtr(point)
     nominal = median_scenario(scenario).model_copy(update={"sample": number})
     worst_scenario = evaluator.scenario_at(uniform, number)
@@ -171,7 +182,8 @@ def find_worst_case(
     return WorstCase(
         metric,
         maximise,
-        math.inf if value >= _CRASH_VALUE else sign * value,
+        sign * _metric(value),
+        value >= _CRASH_VALUE,
         evaluator.names,
         point,
         values,
@@ -180,3 +192,8 @@ def find_worst_case(
         tuple(means),
         flights.num_flights,
     )
+
+
+def _metric(badness: float) -> float:
+    """Return the metric of a value of the search, which is infinite if that of an averaged flight is infinite."""
+    return badness if abs(badness) < _MAX_MEAN else math.copysign(math.inf, badness)

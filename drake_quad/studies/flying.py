@@ -51,10 +51,10 @@ def code_versions(user_systems: UserSystems) -> dict[str, str]:
 
 
 def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Fly samples of a study and return their rows (n, columns).
+    """Fly samples of a study and return their rows (n, columns) of the results table.
 
     Raises:
-        InputError: the code of this process differs from the code of the process that started the study.
+        InputError: if the code of this process differs from the code of the process that started the study.
     """
     batch = Batch.draw(job.scenario, samples)
     fleet = _fleet(job, len(batch))
@@ -63,7 +63,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
 
 
 def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
-    """Fly points of the unit cube, and return the rows (n, 1 + metrics) of the flights.
+    """Fly points of the unit cube, and return the index and the metrics of each flight, (n, 1 + metrics).
 
     Args:
         job: common data of all batches.
@@ -74,13 +74,13 @@ def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
         Index and metrics of each flight, in the order of the given flights.
 
     Raises:
-        InputError: the code of this process differs from the code of the process that started the search.
+        InputError: if the code of this process differs from the code of the process that started the search.
     """
     return point_rows(_fleet(job, len(flights)), flights)
 
 
 def point_rows(fleet: StudyFleet, flights: np.ndarray) -> np.ndarray:
-    """Fly points of the unit cube in a fleet, and return the rows of `fly_points`."""
+    """Fly points of the unit cube in a fleet, and return the result of `fly_points`."""
     return np.column_stack([flights[:, 0], *fly_with_metrics(fleet, build_point_batch(fleet.scenario, flights))])
 
 
@@ -93,7 +93,7 @@ def build_point_batch(scenario: Scenario, flights: np.ndarray) -> Batch:
 
 
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Fly the last sample alone twice, then all samples together, and return the three rows of the last sample."""
+    """Fly the last sample alone twice, then all samples together, and return the three results of the last sample."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
 

@@ -114,13 +114,13 @@ def run_monte_carlo(
         others.
 
     Raises:
-        InputError: a number is out of range, the scenario cannot be flown, worker processes cannot import a function or
-            have different code, a user's system does not give equal results alone and in a batch or raises an error in
-            the first samples, or the folder contains another study, or a study that must not be resumed.
-        OSError: rows could not be written, or the connection to a cluster was lost; completed rows are saved.
-        RuntimeError: no sample can be flown; completed rows are saved.
-        MemoryError: there is not enough memory; completed rows are saved.
-        StudyInterrupted: the user pressed Ctrl-C; completed rows are saved.
+        InputError: if a number is out of range, the scenario cannot be flown, worker processes cannot import a function
+            or have different code, a user's system does not give equal results alone and in a batch or raises an error
+            in the first samples, or the folder contains another study, or a study that must not be resumed.
+        OSError: if rows could not be written, or the connection to a cluster was lost; completed rows are saved.
+        RuntimeError: if no sample can be flown; completed rows are saved.
+        MemoryError: if there is not enough memory; completed rows are saved.
+        StudyInterrupted: if the user pressed Ctrl-C; completed rows are saved.
     """
     num_workers = num_cores() if num_workers is None else num_workers
     check_counts(num_samples=num_samples, num_workers=num_workers, batch_size=1 if batch_size is None else batch_size)
@@ -182,7 +182,7 @@ def with_draws(scenario: Scenario, kind: str, num_samples: int) -> Scenario:
         num_samples: number of samples of the study, which is divided into at least `MIN_REPLICATES` replicates.
 
     Raises:
-        InputError: there is no such kind, the scenario has no distribution, or there are too few samples.
+        InputError: if there is no such kind, the scenario has no distribution, or there are too few samples.
     """
     if kind == RANDOM:
         return scenario.model_copy(update={"draws": None})
@@ -206,7 +206,7 @@ def _fly(
     missing: MissingSamples,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Fly missing samples of a study in batches of the job's fleet size, and add their rows to the study."""
+    """Fly missing samples of a study in batches of the job's fleet size, and add their results to the study."""
     size = job.num_vehicles
 
     def report() -> None:
@@ -229,7 +229,7 @@ def _open_pool(
     """Yield the pool that flies the batches, and abandon its remaining tasks at the end.
 
     Raises:
-        InputError: both an executor and a time limit are given.
+        InputError: if both an executor and a time limit are given.
     """
     if executor is not None and time_limit is not None:
         raise InputError(
@@ -249,11 +249,11 @@ def _open_pool(
 def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
     """Check that sample 0 has the same result when it flies alone, flies alone again, and flies with other samples.
 
-    The check ignores a trial that fails for another reason than an error in the user's code, since the study reports
-    samples that cannot be flown. If the sample crashes because a value is NaN or infinite, a warning names this value.
+    A trial that fails for any reason other than an error in the user's code is ignored, since the study reports samples
+    that cannot be flown. If the sample crashes because a value is NaN or infinite, a warning names this value.
 
     Raises:
-        InputError: the results differ, a user's system cannot be connected, or its code raises an error.
+        InputError: if the results differ, a user's system cannot be connected, or its code raises an error.
     """
     size = min(job.num_vehicles, _TRIAL_SIZE)
     job = job._replace(key=f"{job.key}, trial", num_vehicles=size)

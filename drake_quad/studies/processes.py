@@ -21,10 +21,10 @@ _MAX_COUNT = 2**31 - 1  # largest signed 32-bit integer
 
 
 def check_counts(**counts: int) -> None:
-    """Check that the counts of a mapping from parameter names to counts are between 1 and 2³¹ - 1.
+    """Check that counts, given as keyword arguments, are between 1 and 2³¹ - 1.
 
     Raises:
-        InputError: a count is out of range.
+        InputError: if a count is out of range.
     """
     for name, number in counts.items():
         if not 1 <= number <= _MAX_COUNT:
@@ -43,7 +43,7 @@ def check_importable(functions: Mapping[str, Any]) -> None:
         functions: functions, classes, and instances of user-defined classes, by their names in error messages.
 
     Raises:
-        InputError: a function cannot be pickled, or is defined in an interactive session.
+        InputError: if a function cannot be pickled, or is defined in an interactive session.
     """
     in_a_file = hasattr(sys.modules["__main__"], "__file__")
     for name, function in functions.items():
@@ -76,7 +76,7 @@ class Workers(WorkerPool):
         time_limit: time after which a task fails and its process is killed, s; unlimited by default.
 
     Raises:
-        InputError: the number of processes is out of range, or the time limit is not positive.
+        InputError: if the number of processes is out of range, or the time limit is not positive.
     """
 
     def __init__(self, num_workers: int | None = None, *, time_limit: float | None = None) -> None:
@@ -104,7 +104,7 @@ class Workers(WorkerPool):
         """Wait for outcomes, as `WorkerPool.next_outcomes` does.
 
         Raises:
-            RuntimeError: a worker process ended before it was ready for its first task.
+            RuntimeError: if a worker process ended before it was ready for its first task.
         """
         outcomes: list[Outcome] = []
         while not outcomes:
@@ -174,7 +174,7 @@ class _Worker:
         A task fails if its process ends or its time limit is exceeded.
 
         Raises:
-            RuntimeError: the process ended before it was ready for its first task.
+            RuntimeError: if the process ended before it was ready for its first task.
         """
         ended = not self.process.is_alive()
         try:

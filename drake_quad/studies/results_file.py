@@ -99,7 +99,7 @@ class ResultsFile:
         """Append rows (n, columns) and pass them to the operating system.
 
         Raises:
-            OSError: the rows could not be written; the file is unchanged.
+            OSError: if the rows could not be written; the file is unchanged.
         """
         end, text = self._file.seek(0, os.SEEK_END), memoryview(self._row_format.text(rows))
         try:
@@ -117,7 +117,7 @@ def open_results(path: Path, row_format: RowFormat) -> Iterator[tuple[ResultsFil
     An incomplete row at the end of the file is removed. The file is created if it does not exist.
 
     Raises:
-        InputError: the file belongs to another study, or another run is writing to it.
+        InputError: if the file belongs to another study, or another run is writing to it.
     """
     # A buffered file could write the data of a failed write later.
     with path.open("a+b", buffering=0) as file:
@@ -135,7 +135,7 @@ def read_results(path: Path, row_format: RowFormat) -> StoredRows:
     """Read a results file.
 
     Raises:
-        InputError: the file cannot be read, or has different columns.
+        InputError: if the file cannot be read, or has different columns.
     """
     try:
         content = path.read_bytes()

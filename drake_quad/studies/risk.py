@@ -1,7 +1,7 @@
 """Probabilities of rare events of a scenario, by subset simulation on fleets.
 
-A sample of the scenario is a point of standard normal space, with a coordinate for each independent random number, and
-an integer for each period of the flight, which determines wind and noise in this period.
+A sample of the scenario consists of a point of standard normal space, with a coordinate for each independent random
+number, and of integers, each of which determines wind and noise in one period of the flight.
 """
 
 import math
@@ -40,6 +40,7 @@ _CRASH = "crash"
 _SIGNS = {">": 1.0, "<": -1.0}
 _EVENT_PATTERN = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
 _STEP_PROBABILITY = 0.1  # fraction of the samples that satisfy the condition of the next step
+_AT_BOUND = -5e-324  # performance of a flight whose metric is equal to the bound, the largest number below zero
 DEFAULT_PERIOD = 1.0
 """Default length of the periods whose noise is drawn separately, s."""
 
@@ -91,16 +92,19 @@ class Event(NamedTuple):
             InputError: if the metric of a flight is not defined.
         """
         if self.metric == _CRASH:
-            # A large position error usually precedes a crash, so it is the measure of how close a flight is to one.
+            # A large position error usually precedes a crash, so the peak error measures how close a flight is to a
+            # crash.
             return np.where(metrics.crashed, 0.0, -1.0 / (1.0 + np.asarray(metrics.peak_error)))
         values = values_with_crashes(metrics, self.metric)
         if np.isnan(values).any():
             raise InputError(f"{self.metric} is not defined in every flight, so it cannot define an event")
-        return np.asarray(self.sign * (values - self.bound))
+        distances = np.asarray(self.sign * (values - self.bound))
+        # The event does not include its bound, so that a requirement with the robustness 0 is satisfied.
+        return np.where(distances == 0.0, _AT_BOUND, distances)
 
     def value(self, performance: np.ndarray) -> np.ndarray:
         """Return the metric values that correspond to performances."""
-        return np.asarray(self.bound + self.sign * performance)
+        return np.asarray(self.bound + self.sign * np.where(performance == _AT_BOUND, 0.0, performance))
 
 
 class Coordinate(NamedTuple):
@@ -120,7 +124,7 @@ class Coordinate(NamedTuple):
 
     @property
     def importance(self) -> float:
-        """Kullback-Leibler divergence of a normal distribution with this mean and deviation from the standard one."""
+        """Kullback-Leibler divergence of the samples from the standard normal distribution, if both are normal."""
         variance = max(self.deviation, 1e-3) ** 2
         return 0.5 * (self.mean.value**2 + variance - 1.0 - math.log(variance))
 
@@ -153,7 +157,7 @@ class Risk:
         If a run has not reached a threshold, the probability has no interval.
         """
         levels = self.event.sign * (np.asarray(thresholds) - self.event.bound)
-        rows = np.stack([run.exceedance(levels, _STEP_PROBABILITY) for run in self.runs])
+        rows = np.stack([run.exceedance(levels) for run in self.runs])
         return [
             probability_of_runs(column) if np.all(column > 0.0) else Interval(float(column.mean()), math.nan, math.nan)
             for column in rows.T
@@ -199,15 +203,16 @@ def estimate_risk(
 
     Raises:
         InputError: if the scenario cannot be flown by a fleet, there are too few flights for an interval, the event is
-            so rare that a run does not reach it, or the folder contains another study.
+            so rare that a run does not reach it, almost all flights have the same value of the metric, or the folder
+            contains another study.
         RuntimeError: if workers cannot fly a sample.
-        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
+        StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     event = Event.parse(event, scenario) if isinstance(event, str) else event
     check_integer(size, "size", minimum=MIN_SIZE)
     if size % round(1.0 / _STEP_PROBABILITY):
         raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _STEP_PROBABILITY)}")
-    # Most calls evaluate one proposal for each chain of the runs that fly together.
+    # In most calls, each Markov chain of the runs that fly together proposes one flight.
     num_vehicles = MIN_RUNS * round(_STEP_PROBABILITY * size)
     evaluator = Evaluator(
         scenario,
@@ -273,14 +278,22 @@ def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
     """Check that all runs have reached the event.
 
     Raises:
-        InputError: if a run has not reached it.
+        InputError: if a run has not reached it, or has found the same value of the metric in almost all samples.
     """
     for run in runs:
+        if run.equal_fraction:
+            value = event.value(np.array([run.levels[-1]]))[0]
+            raise InputError(
+                f"{event.metric} is {value:.4g} in {run.equal_fraction:.1%} of the samples of a step, so it does not"
+                f" show how close a flight is to {event}; choose another metric, or estimate the probability with"
+                " drake-quad study"
+            )
         if run.probability == 0.0:
             reached = event.value(np.array([run.history[-1][0]]))[0]
             raise InputError(
-                f"{event} is too rare: a run ended below a probability of {_STEP_PROBABILITY ** len(run.levels):.0e}"
-                + ("" if event.metric == _CRASH else f" at {event.metric} = {reached:.4g}")
+                f"{event} is too rare: a run ended without the event, at a probability below"
+                f" {math.prod(run.fractions):.0e}"
+                + ("" if event.metric == _CRASH else f" and {event.metric} = {reached:.4g}")
             )
 
 

@@ -79,7 +79,7 @@ def sobol_indices(
             another study.
         ImportError: if the library SALib is not installed.
         RuntimeError: if workers cannot fly a point.
-        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
+        StudyInterrupted: if the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     if metric != CRASHED:
         lookup(metric_definitions(scenario.metrics_type), metric, "metric")
@@ -128,7 +128,7 @@ def sobol_indices(
         values = flights(points[:, :-1], noise)
     if not values.std() > 0.0:
         raise InputError(f"{metric} does not vary")
-    # SALib estimates the intervals by resampling, and ignores a seed of 0. It standardises the values itself.
+    # SALib estimates the intervals by resampling, and ignores a seed of 0. SALib also standardises the values.
     found = analyze.analyze(problem, values, calc_second_order=False, seed=scenario.seed + 1)
     indices = [SobolIndex(name, *(_interval(found, kind, i) for kind in ("S1", "ST"))) for i, name in enumerate(names)]
     return tuple(sorted(indices, key=lambda each: -each.total.value))

@@ -197,7 +197,7 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
             number of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
 
     Raises:
-        InputError: the field is not a distribution, or the number of bins is less than 1.
+        InputError: if the field is not a distribution, or the number of bins is less than 1.
     """
     if path not in study.parameters:
         drawn = join_names([*study.parameters]) or "none"
@@ -302,7 +302,7 @@ def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Compar
     """Compare two studies with the same seed, on the samples that are in both; see `compare`.
 
     Raises:
-        InputError: the studies draw different random parameters, so that samples cannot be paired.
+        InputError: if the studies draw different random parameters, so that samples cannot be paired.
     """
     check_pairs({study.scenario.name: study.scenario, f"the baseline {baseline.scenario.name}": baseline.scenario})
     _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)

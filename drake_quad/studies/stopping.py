@@ -65,8 +65,8 @@ class StoppingRule(NamedTuple):
         requirements, metrics = [*scenario.requirements], [*metric_definitions(scenario.metrics_type)]
         if quantity not in (_CRASH, *metrics):
             raise InputError(
-                f"{short_repr(text)}: {quantity} is not {_CRASH}, a requirement or a metric of {scenario.name}; these"
-                f" are {join_names([*requirements, *(name for name in metrics if name not in requirements)])}"
+                f"{short_repr(text)}: {quantity} is not {_CRASH}, a requirement or a metric of {scenario.name};"
+                f" choose from {join_names([*requirements, *(name for name in metrics if name not in requirements)])}"
             )
         return cls(quantity, half_width, quantity in (_CRASH, *requirements))
 

@@ -64,7 +64,7 @@ class StoredFlights:
 
     @property
     def rows(self) -> np.ndarray:
-        """Rows (n, 3) of all known flights, sorted by flight."""
+        """Columns of the flights file for all known flights, (n, 3), sorted by flight."""
         return np.array([self._rows[flight] for flight in sorted(self._rows)]).reshape(-1, len(_COLUMNS))
 
     @property
@@ -136,16 +136,16 @@ def stored_flights(
         value: function that returns the values (n,) of metrics.
         scenario: scenario of the search, with its distributions and its seed.
         settings: settings that determine points and values of the flights.
-        max_flights: largest number of flights, which is written to the record.
+        max_flights: largest number of flights, which is written to study.yaml.
         user_systems: functions that create the user's systems for N vehicles.
         compiled: True if the diagram is compiled to machine code.
-        folder: folder for the values of all flights, the scenario and the record; None to write nothing.
+        folder: folder for the values of all flights, the scenario and study.yaml; None to write nothing.
         resume: True to continue a search that the folder already contains.
         progress: function that is called with the number of flights of each finished batch.
 
     Raises:
-        InputError: the folder cannot be written, or contains another search, or a search that must not be resumed.
-        StudyInterrupted: the user pressed Ctrl-C.
+        InputError: if the folder cannot be written, or contains another search, or a search that must not be resumed.
+        StudyInterrupted: if the user pressed Ctrl-C.
     """
     if folder is None:
         yield StoredFlights(evaluator, value, progress=progress)

@@ -152,7 +152,7 @@ class Study:
         flight (s), and the `failures`: the reasons why samples without a row could not be flown, by their index.
 
         Raises:
-            ImportError: pandas is not installed; pip install 'drake_quad[tables]' installs it.
+            ImportError: if pandas is not installed; pip install 'drake_quad[tables]' installs it.
         """
         pandas = import_extra("pandas", "tables")
         columns = {**self.parameters, **self.metrics._asdict(), "crashed": self.metrics.crashed}
@@ -177,8 +177,8 @@ class Study:
         `pandas.read_parquet` reads the same table. A study can be resumed from its CSV file only.
 
         Raises:
-            ImportError: pandas or pyarrow is not installed; pip install 'drake_quad[tables]' installs them.
-            OSError: the file cannot be written.
+            ImportError: if pandas or pyarrow is not installed; pip install 'drake_quad[tables]' installs them.
+            OSError: if the file cannot be written.
         """
         import_extra("pyarrow", "tables")
         frame = self.to_frame()
@@ -192,7 +192,7 @@ def sample_replicates(scenario: Scenario, samples: Sequence[int] | np.ndarray) -
 
 
 def study_columns(scenario: Scenario) -> list[str]:
-    """Return the columns of a study's rows: the sample, drawn fields, metrics and, if there are any, the obstacle."""
+    """Return the columns of a study's results: the sample, drawn fields, metrics and, if any, the obstacle hit."""
     measured = [*metric_definitions(scenario.metrics_type)]
     obstacle = [_OBSTACLE_COLUMN] if _obstacles(scenario) else []
     return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *obstacle]
@@ -204,7 +204,7 @@ def _obstacles(scenario: Scenario) -> list[str]:
 
 
 def study_rows(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = None) -> np.ndarray:
-    """Return the rows (n, columns) of a batch.
+    """Return the rows (n, columns) of the results table for a batch.
 
     Args:
         batch: batch of n samples that were flown.
@@ -218,13 +218,13 @@ def study_rows(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None =
 
 def study_row_format(scenario: Scenario) -> RowFormat:
     """Return the format of the results file of a scenario's study."""
-    # Studies without designed draws keep the checksums of earlier versions, which had no such field.
+    # Studies with independent draws keep the checksums of earlier versions, which had no field `draws`.
     left_out = {"draws"} if scenario.draws is None else None
     return RowFormat(study_columns(scenario), scenario.model_dump_json(exclude=left_out))
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
-    """Return the content of a results file, with each row marked invalid whose draws do not follow from the seed."""
+    """Return the content of a results file. Rows whose drawn numbers do not follow from the seed become invalid."""
     if not len(stored.rows):
         return stored
     columns = dict(zip(study_columns(scenario), stored.rows.T, strict=True))
@@ -246,7 +246,7 @@ def read_study(path: Path | str) -> Study:
         path: folder of the study, one of its files, or a folder that contains a single study.
 
     Raises:
-        InputError: there is no study or more than one, or its files do not belong together.
+        InputError: if there is no study or more than one, or its files do not belong together.
     """
     folders = study_folders(path)
     if len(folders) > 1:
@@ -264,7 +264,7 @@ def read_studies(path: Path | str) -> dict[str, Study]:
         path: folder that contains the folders of the studies, or the path of a single study as for `read_study`.
 
     Raises:
-        InputError: there is no study, or the files of a study do not belong together.
+        InputError: if there is no study, or the files of a study do not belong together.
     """
     return {name: _read(folder) for name, folder in study_folders(path).items()}
 
@@ -276,7 +276,7 @@ def study_folders(path: Path | str) -> dict[str, Path]:
         path: folder of a study, one of its files, or a folder that contains the folders of studies.
 
     Raises:
-        InputError: there is no study.
+        InputError: if there is no study.
     """
     path = Path(path)
     names = (RESULTS_FILE, PARQUET_FILE, SCENARIO_FILE, STUDY_FILE, FAILED_FILE)
@@ -306,7 +306,7 @@ def _read(folder: Path) -> Study:
     """Read the study in a folder.
 
     Raises:
-        InputError: a file cannot be read, or contains a row that was altered.
+        InputError: if a file cannot be read, or contains a row that was altered.
     """
     record, scenario = read_record(folder), load_scenario(folder / SCENARIO_FILE)
     stored = check_draws(scenario, read_results(folder / RESULTS_FILE, study_row_format(scenario)))
@@ -323,7 +323,7 @@ def _read_failures(path: Path) -> dict[int, str]:
     """Return the reasons why samples could not be flown, by the index of the sample; empty if there is no file.
 
     Raises:
-        InputError: the file is not a table of failures.
+        InputError: if the file is not a table of failures.
     """
     if not path.exists():
         return {}
@@ -411,7 +411,7 @@ def read_record(folder: Path) -> Record:
     """Read the record of the study in a folder.
 
     Raises:
-        InputError: the file cannot be read, or is not the record of a study.
+        InputError: if the file cannot be read, or is not the record of a study.
     """
     path = folder / STUDY_FILE
     content = parse_document(read_text(path), str(path)).tree.to_python()

@@ -1,4 +1,4 @@
-"""Rows of a running study, which are written to the study's folder if there is one."""
+"""Results of a running study, which are written to the study's folder if there is one."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -33,7 +33,7 @@ from drake_quad.studies.worker_pool import Outcome
 
 
 class StudyRows:
-    """Rows of the samples that have been flown so far.
+    """Results of the samples that have been flown so far, with a row for each sample.
 
     Args:
         scenario: scenario with the seed of the study.
@@ -95,7 +95,7 @@ class StudyRows:
         """Add the outcome of a batch, and write its rows (n, columns) to the folder.
 
         Raises:
-            OSError: the rows could not be written.
+            OSError: if the rows could not be written.
         """
         if outcome.reason:
             self.failures |= dict.fromkeys(outcome.argument, outcome.reason)
@@ -130,7 +130,7 @@ def open_study(
     compiled: bool,
     resume: bool,
 ) -> Iterator[StudyRows]:
-    """Begin or resume a study, yield its rows, and sort the rows in its results file at the end.
+    """Begin or resume a study, yield its results, and sort the rows of its results file at the end.
 
     Args:
         folder: folder of the study; None if nothing is to be written.
@@ -142,7 +142,7 @@ def open_study(
         resume: True to continue a study that the folder already contains.
 
     Raises:
-        InputError: the folder cannot be written, or contains another study, or a study that must not be resumed.
+        InputError: if the folder cannot be written, or contains another study, or a study that must not be resumed.
     """
     if folder is None:
         yield StudyRows(scenario, num_samples, duration)
@@ -173,10 +173,10 @@ def open_study(
 def open_rows(
     path: Path, scenario: Scenario, record: Record, row_format: RowFormat, *, resume: bool
 ) -> Iterator[tuple[Record, ResultsFile, StoredRows]]:
-    """Begin or resume a study, and yield its record and its results file with its content.
+    """Begin or resume a study, and yield its record, its results file, and the rows that the file contains.
 
-    For a new study, this function writes the scenario and the record. For a resumed study, the caller must check the
-    content before it writes the record, which includes the versions of earlier runs.
+    For a new study, this function writes the scenario and the record. For a resumed study, the caller must check these
+    rows before it writes the record, which includes the versions of earlier runs.
 
     Args:
         path: results file in the folder of the study.
@@ -186,7 +186,7 @@ def open_rows(
         resume: True to continue a study that the folder already contains.
 
     Raises:
-        InputError: the folder contains another study, or a study that must not be resumed.
+        InputError: if the folder contains another study, or a study that must not be resumed.
     """
     folder = path.parent
     if path.exists():
@@ -207,7 +207,7 @@ def report_saved_results(saved: Callable[[], str]) -> Iterator[None]:
         saved: function that returns the text, such as `StudyRows.saved`.
 
     Raises:
-        StudyInterrupted: the user pressed Ctrl-C.
+        StudyInterrupted: if the user pressed Ctrl-C.
     """
     try:
         yield
@@ -229,7 +229,7 @@ def _check_no_foreign_files(folder: Path, scenario: Scenario, record: Record) ->
     """Check that a folder without results contains no file of another study that this study would overwrite.
 
     Raises:
-        InputError: the folder contains another scenario, a record without a scenario, or the record of a search with
+        InputError: if the folder contains another scenario, a record without a scenario, or the record of a search with
             other settings.
     """
     if (folder / SCENARIO_FILE).exists() and (folder / STUDY_FILE).exists():
@@ -265,7 +265,7 @@ def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume:
         resume: True if the study may be resumed.
 
     Raises:
-        InputError: the study may not be resumed, cannot be read, or is a different study.
+        InputError: if the study may not be resumed, cannot be read, or is a different study.
     """
     if not resume:
         raise InputError(

@@ -162,7 +162,7 @@ def overview_table(studies: Mapping[str, Study]) -> Summary:
 
 
 def _quantile(values: np.ndarray, probability: float, definition: Metric, replicates: Replicates) -> Interval:
-    """Return a quantile with its interval, without the negative part if a finite metric cannot be negative."""
+    """Return a quantile with its interval, which begins at 0 or above if the metric cannot be negative."""
     quantile, is_nonnegative = replicates.quantile(values, probability), definition.is_nonnegative
     return without_negative_part(quantile) if is_nonnegative and math.isfinite(quantile.value) else quantile
 

@@ -22,7 +22,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         argument: argument of the function; for a batch, the indices of its samples.
-        result: return value of the function; for a batch, its rows (n, columns). None if the task failed.
+        result: return value of the function; for a batch, its rows (n, columns) of the results table. None if the task
+            failed.
         reason: reason for the failure, in one line; empty if the task succeeded.
         invalid_input: True if the task failed because the user's input is wrong, so that the study must end.
         in_user_code: True if the user's own Python code raised an error.
@@ -130,7 +131,7 @@ def run_tasks(
             called whenever the pool can accept a task. The handling of an outcome may create further tasks.
 
     Raises:
-        InputError: a task fails because the input is wrong.
+        InputError: if a task fails because the input is wrong.
     """
     num_pending = 0
     while True:
@@ -161,8 +162,8 @@ def fly_batches(
             can accept it.
 
     Raises:
-        InputError: a drawn sample violates the limits of the scenario language.
-        RuntimeError: the first samples all fail when flown alone, or the pool accepts no more batches.
+        InputError: if a drawn sample violates the limits of the scenario language.
+        RuntimeError: if the first samples all fail when flown alone, or the pool accepts no more batches.
     """
     new_batches, split_batches = iter(batches), deque[Sequence[Any] | np.ndarray]()
     any_succeeded, num_failed = False, 0

@@ -154,7 +154,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
         tau_z: commanded yaw torque, N m.
         low: smallest squared speed, rad²/s².
         high: largest squared speed, rad²/s².
-        rows: rows of the `_Square` of each rotor, rotor by rotor.
+        rows: values of the `_Square` of each rotor, one rotor after the other.
     """
     squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
     size = sum(abs(square.yaw) for square in squares)
@@ -168,7 +168,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return thrust and fraction: first the largest fraction at any thrust, then the nearest feasible thrust."""
+    """Return the feasible thrust that is nearest to `thrust` at the largest fraction of torque, and this fraction."""
     fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
         _interval(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
@@ -178,7 +178,7 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the nearest thrust that is feasible without torque, and then the largest fraction."""
+    """Return the nearest thrust that is feasible without torque, and the largest fraction of torque at this thrust."""
     thrust_kept = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
         _Bound(bound.tilt, bound.lower - factor * thrust_kept, bound.upper - factor * thrust_kept)
@@ -250,7 +250,7 @@ def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
 
 
 def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
-    """Return the limits of a sum without its contribution from yaw torque, which is between zero and `yaw`."""
+    """Return the limits of a sum minus the contribution of yaw torque, which can be anything between zero and `yaw`."""
     return lower - maximum(yaw, 0.0), upper - minimum(yaw, 0.0)
 
 
@@ -351,9 +351,10 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
 def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
     """Return the largest fraction of roll and pitch torque, and the feasible level nearest to the wanted level.
 
-    The result is the pair (level, fraction). A pair of rotors at the middle level without yaw can use half the distance
-    between the limits for roll and pitch torque, which limits the fraction. The part of this half that a pair does not
-    use limits the deviation of the pair's mean squared speed (level + yaw or level - yaw) from the middle level.
+    The result is the tuple (level, fraction). If the mean squared speed of two paired rotors is in the middle of its
+    range, the rotors can use half of the range for roll and pitch torque. This determines the fraction. The part of
+    this half that they do not use is the largest possible deviation of their mean (level + yaw or level - yaw) from the
+    middle.
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)

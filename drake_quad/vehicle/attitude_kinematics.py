@@ -35,7 +35,7 @@ class IntegratedAttitude(Protocol):
 
     @property
     def start(self) -> Any:
-        """Coordinates at the start of the step, a record of rows."""
+        """Coordinates at the start of the step, a record."""
 
     def axes(self, coordinates: Any) -> BodyAxes:
         """Return the axes of B in W."""
@@ -159,7 +159,7 @@ class IntegratedAngles(NamedTuple):
 
 
 def _angle_rates_of(body_rates: BodyRates, attitude: Attitude) -> Attitude:
-    """Return the body rates as rates of roll, pitch and yaw."""
+    """Return the body rates as rates of roll, pitch and yaw, which is accurate for small angles."""
     return Attitude(*body_rates)
 
 

@@ -7,8 +7,8 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotors
 
 # Smallest accepted ratio of the smallest to the largest singular value of the scaled map from rotor forces to the
-# wrench. If the ratio were smaller, only differences of about a thousandth of the arm length or of the drag factor
-# would produce a part of the wrench.
+# wrench. With a smaller ratio, a part of the wrench would depend on differences between the rotors of only about a
+# thousandth of the arm length or of the drag factor.
 _MIN_SINGULAR_VALUE = 1e-3
 # Components of a unit vector below this magnitude are not mentioned in a message.
 _MIN_COMPONENT = 0.02
@@ -51,7 +51,7 @@ def _describe_missing(direction: np.ndarray) -> str:
         size = np.copysign(np.hypot(x, y), x)
         return f"torque about the axis ({x / size:.2f}, {y / size:.2f}, 0), since its rotors are in a line"
     # If the direction has several parts, for example thrust and yaw torque, all producible wrenches satisfy a linear
-    # relation between these parts. The last part can then not be produced without the others.
+    # relation between these parts, so the last part cannot be produced without the others.
     names = [name for name, part in zip(_WRENCH_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names
     if not others:

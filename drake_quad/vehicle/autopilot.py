@@ -42,7 +42,7 @@ from drake_quad.vehicle.runge_kutta import euler_step
 
 
 class LoopGains(NamedTuple):
-    """Gain for each axis."""
+    """Proportional gain of a control loop for each axis."""
 
     roll: Gain
     pitch: Gain
@@ -126,7 +126,7 @@ class AutopilotParameters(NamedTuple):
 
 
 class LoopRules(NamedTuple):
-    """Variants of the loops.
+    """Variants of the attitude loop and of the rate loop.
 
     Attributes:
         gyroscopic: True if the gyroscopic torque ω × I ω is added.
@@ -140,7 +140,7 @@ class LoopRules(NamedTuple):
 
 
 class LoopMemory(NamedTuple):
-    """Memory of a loop for each axis."""
+    """Internal state of a control loop for each axis, such as the value of its integral."""
 
     roll: Memory
     pitch: Memory
@@ -148,7 +148,7 @@ class LoopMemory(NamedTuple):
 
     @classmethod
     def of(cls, terms: LoopAxisTerms | None) -> "LoopMemory":
-        """Return the memory before the first tick."""
+        """Return the internal state before the first tick."""
         return cls(*[Memory.of(each) for each in terms or (None, None, None)])
 
 
@@ -156,8 +156,8 @@ class AutopilotMemory(NamedTuple):
     """State of an autopilot, except for its wrench.
 
     Attributes:
-        attitude: memory of the attitude loop.
-        rate: memory of the rate loop.
+        attitude: internal state of the attitude loop.
+        rate: internal state of the rate loop.
         gyroscope: states of the filters of p, q and r; None if there is no filter.
         lean: error of the estimated thrust direction; None if the estimator is exact.
     """
@@ -169,7 +169,7 @@ class AutopilotMemory(NamedTuple):
 
     @classmethod
     def of(cls, parameters: AutopilotParameters) -> "AutopilotMemory":
-        """Return the memory before the first tick."""
+        """Return the internal state before the first tick."""
         gyroscope = None if parameters.gyroscope_filter is None else (EMPTY_FILTER, EMPTY_FILTER, EMPTY_FILTER)
         lean = None if parameters.neglected_drag is None else LeanError(0.0, 0.0)
         return cls(LoopMemory.of(parameters.attitude), LoopMemory.of(parameters.rate), gyroscope, lean)
@@ -258,7 +258,7 @@ def _commanded_rates(
     period: Time,
     rules: LoopRules,
 ) -> tuple[BodyRates, LoopMemory]:
-    """Return the commanded body rates, and the memory of the attitude loop."""
+    """Return the commanded body rates, and the internal state of the attitude loop after the tick."""
     k_attitude = parameters.k_attitude
     wanted = Attitude(target.roll, target.pitch, target.yaw)
     if parameters.yaw_weight is None:
@@ -298,14 +298,14 @@ def autopilot_step(
     period: Time,
     rules: LoopRules = LoopRules(),
 ) -> tuple[Wrench, AutopilotMemory | None]:
-    """Return the wrench of an `AttitudeAutopilot`, and its memory.
+    """Return the wrench and the internal state of an `AttitudeAutopilot` after a tick.
 
     Args:
         target: attitude target that the autopilot received over the link.
         state: true state of the vehicle.
         noise: standard normal samples for the noise of the sensors; None if there is no noise.
         parameters: parameters of the autopilot.
-        memory: memory from the previous tick; None if the autopilot has no memory.
+        memory: internal state after the previous tick; None for an autopilot without an internal state.
         period: tick period h of the autopilot, s.
         rules: variants of the loops.
     """
@@ -369,14 +369,15 @@ class AttitudeAutopilot(FleetSystem):
     `AutopilotParameters` lists the optional parts: integrals, filtered derivatives, feed-forward and limits of both
     loops, a filter for the gyroscope, and a rotation error that replaces the errors of the angles.
 
-    The states are `wrench` and, if a part has a memory, `memory`. The only parameter of the context is `autopilot`.
+    The states are `wrench` and, if a part has an internal state, `memory`. The only parameter of the context is
+    `autopilot`.
 
     Args:
         num_vehicles: number N of vehicles.
         period: tick period h of the autopilot, s. The default, 2.5 ms, corresponds to 400 Hz, the default of PX4's
             parameter IMU_GYRO_RATEMAX.
         noisy: True if the sensors have noise.
-        rules: variants of the loops.
+        rules: variants of the attitude loop and of the rate loop.
         parameters: gains, parameters of the sensors, and the autopilot's model of the vehicle.
     """
 

@@ -80,7 +80,7 @@ class Effects(NamedTuple):
         """
         for name in names:
             if name not in self.names:
-                raise ValueError(f"the effect {name} has no parameters")
+                raise ValueError(f"no parameters are given for the effect {name}")
         return Effects(**{name: getattr(self, name) for name in names})
 
 

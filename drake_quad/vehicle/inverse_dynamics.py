@@ -22,7 +22,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class RotorDemand(NamedTuple):
-    """State and wrench that are required to follow a trajectory, with rows of the same shape as in the trajectory.
+    """State and wrench that are required to follow a trajectory; values have the same shape as in the reference.
 
     Attributes:
         rotor_speed: rotor speeds; zero for a rotor that would have to push the vehicle down.

@@ -59,8 +59,8 @@ def speed_range_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Ro
 def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
     """Return the rotor speeds that throttles command: √(T / b), where b is the mean thrust factor of the rotors.
 
-    The ratio of the thrust of a rotor to the curve is the ratio of the rotor's thrust factor to the mean. Throttles are
-    clipped to [0, 1]; NaN becomes 0.
+    The thrust T follows from the curve. A rotor whose thrust factor differs from the mean produces T times the ratio of
+    its factor to the mean. Throttles are clipped to [0, 1]; NaN becomes 0.
     """
     per_factor = 1.0 / mean_thrust_factor(parameters)
     thrusts = [thrust_from_throttle(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]

@@ -27,7 +27,7 @@ class CentreOfMass(NamedTuple):
 class QuadrotorParameters(NamedTuple):
     """Parameters of the vehicle; the defaults are from the paper's Table I unless stated otherwise.
 
-    Each row is a number for one vehicle or an (N,) array for a fleet.
+    Each value is a number for one vehicle, or an (N,) array for a fleet.
 
     Attributes:
         mass: mass m.

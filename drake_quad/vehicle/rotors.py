@@ -34,7 +34,7 @@ class Rotor(NamedTuple):
 
 
 class Rotors(NamedTuple):
-    """The four rotors of a vehicle; rows are numbers for one vehicle, or arrays for a fleet.
+    """The four rotors of a vehicle; values are numbers for one vehicle, or arrays for a fleet.
 
     `plus` and `x` number the rotors clockwise as seen from above, and neighbouring rotors turn in opposite directions.
     Default values are from the paper's Table I. The thrust factor in this table is large for an 8-inch propeller. It is

@@ -19,7 +19,7 @@ class Step(NamedTuple):
 
 
 def runge_kutta_step(start: Any, derivative: Callable[[int, Any, Any], Any], time_step: float) -> Step:
-    """Integrate a row, or a record of rows, over a step.
+    """Integrate a value, or a record of values, over a step.
 
     Args:
         start: state at the start of the step.
@@ -48,7 +48,7 @@ def runge_kutta_step(start: Any, derivative: Callable[[int, Any, Any], Any], tim
 
 
 def euler_step(state: Any, derivative: Any, time: Row) -> Any:
-    """Advance a row, or a record of rows, by a time (s) with a constant derivative; a part that is None stays None."""
+    """Advance a value or a record by a time (s) with a constant derivative; a field that is None stays None."""
     if state is None:
         return None
     if not isinstance(state, tuple):

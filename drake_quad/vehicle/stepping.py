@@ -236,7 +236,7 @@ def freeze_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -
 
 
 def zeros_like(record: Any) -> Any:
-    """Return a record with zero in place of each row; a part that is None stays None."""
+    """Return a record with zero in place of each value; a field that is None stays None."""
     if isinstance(record, tuple):
         return type(record)._make(map(zeros_like, record))  # type: ignore[attr-defined]
     return None if record is None else 0.0

@@ -19,7 +19,7 @@ from drake_quad.visualization.style import BLACK, BLUE, LIMIT, TEXT_BACKGROUND, 
 _LOOP_TITLES = {"pitch": "attitude (pitch)", "x": "position (x)"}
 # Titles of the drawn loops if no attitude loop is designed, because the autopilot controls the attitude.
 _LOOP_TITLES_WITH_AUTOPILOT = {"z": "height (z)", "x": "position (x)"}
-# Steps of the reference: row of the state, amplitude in SI units, and label of the axis.
+# Steps of the reference: name of the state component, amplitude in SI units, and label of the axis.
 _STEPS = (("x", 0.5, "x (m)"), ("z", 0.5, "z (m)"), ("yaw", 0.5, "yaw (rad)"))
 
 

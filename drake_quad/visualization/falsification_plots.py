@@ -37,10 +37,11 @@ def plot_search(found: WorstCase) -> Figure:
     with new_panels(6.0, 3.4) as (figure, axes):
         generations = np.arange(1, len(means) + 1)
         axes.plot(generations, np.where(np.isfinite(means), means, np.nan) / size, "o-", color=BLUE, markersize=4.0)
-        crashed = ~np.isfinite(means)
-        if crashed.any():
-            axes.axvspan(generations[crashed][0] - 0.5, generations[-1] + 0.5, color="0.9", zorder=0)
-            axes.annotate("crash", (generations[crashed][0], 0.02), xycoords=("data", "axes fraction"))
+        infinite = ~np.isfinite(means)
+        if infinite.any():
+            axes.axvspan(generations[infinite][0] - 0.5, generations[-1] + 0.5, color="0.9", zorder=0)
+            label = "crash" if found.is_crash else "infinite"
+            axes.annotate(label, (generations[infinite][0], 0.02), xycoords=("data", "axes fraction"))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(
             xlabel="generation (1)",

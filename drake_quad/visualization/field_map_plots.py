@@ -1,4 +1,4 @@
-"""Plot of maps of flights over two fields of a scenario."""
+"""Plot of a flight metric as a function of two scenario fields."""
 
 import math
 from collections.abc import Mapping

@@ -78,8 +78,8 @@ class Camera:
         """Return an image of each of N vehicles, (height, width, 3) uint8, with a green dot at its reference.
 
         Args:
-            state: states of the vehicles; each row is an array (N,).
-            reference: references of the vehicles; each row is an array (N,).
+            state: states of the vehicles; each field is an array (N,).
+            reference: references of the vehicles; each field is an array (N,).
         """
         rows = np.array([*state[:6], *reference[:3]]).T
         return tuple([self._frame(row) for row in rows])

@@ -18,9 +18,9 @@ from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
-_MAX_WINDOWS = 10  # largest number of windows in a plot of the fit
-_MAX_LABEL_LENGTH = 15  # largest number of characters in a line beside an axis
-_MAX_MARKED_POINTS = 20  # largest number of samples of a window whose residuals are drawn with markers
+_MAX_WINDOWS = 10  # largest number of time windows in a plot of the fit
+_MAX_LABEL_LENGTH = 15  # largest number of characters per line of an axis label
+_MAX_MARKED_POINTS = 20  # largest number of samples of a time window whose residuals are drawn with markers
 _BAND_COLOUR = "0.92"
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 # Conversion factor and label of each display unit.
@@ -33,7 +33,7 @@ _DISPLAY_UNITS = {
 
 
 def plot_fit(identification: Identification) -> Figure:
-    """Plot measurements, forecasts and forecast errors in the first windows of the held-out flight."""
+    """Plot measurements, forecasts and forecast errors in the first time windows of the held-out flight."""
     outputs = identification.outputs
     size = 10.0, 0.6 + 1.25 * len(outputs)
     with new_panels(*size, len(outputs), 2, sharex=True, width_ratios=[1.6, 1.0]) as (figure, rows):

@@ -26,7 +26,7 @@ from drake_quad.visualization.style import (
     shading,
 )
 
-# Pairs of exponents (a1, a2) in Fig. 4 of the paper.
+# Pairs of exponents (a1, a2) in Fig. 4 of Kayacan and Maslim (2016).
 PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
 # Errors, m, at which the secant gain is labelled.
 _LABELLED_ERRORS = (0.001, 0.01, 0.05)

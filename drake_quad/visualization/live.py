@@ -1,7 +1,7 @@
 """Real-time flight in Meshcat, with wind, gains and mass that can be changed during the flight.
 
-The page contains a slider for each of these parameters, buttons that start a gust, stop a motor, start the flight again
-or end it, and two sliders that display the position error. The diagram is the same as in `simulate`.
+The page contains a slider for each of these parameters, and two sliders that display the position error. Its buttons
+start a gust, stop a motor, restart the flight or end it. The diagram is the same as in `simulate`.
 """
 
 import time

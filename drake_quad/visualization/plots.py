@@ -38,6 +38,7 @@ from drake_quad.visualization.style import (
 )
 from drake_quad.visualization.wind_plots import plot_wind
 
+# Coordinates of a label at a horizontal line: a fraction of the axis, and a value in data units.
 _ANNOTATION: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
 # Smallest side of the three-dimensional view, relative to its longest side.
 _MIN_SIDE_RATIO = 0.35
@@ -204,7 +205,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     """Write all plots of a flight into a folder, and return the paths of the files.
 
     A plot of the wind is written if there is wind, and plots of the learning are written if there is a network. The
-    surfaces and the secant gains of a network are plotted if its inputs are error and error rate, as in the paper.
+    surfaces and the secant gains of a network are plotted if its inputs are error and error rate.
 
     Args:
         flight: flight to plot.

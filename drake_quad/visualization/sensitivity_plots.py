@@ -25,6 +25,7 @@ def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
         i for i in np.argsort(np.abs(elasticities)) if sensitivities.values[i] != 0.0 and np.isfinite(elasticities[i])
     ]
     drawn = elasticities[order]
+    label = METRICS[metric].label if metric in METRICS else metric.replace("_", " ")
     with new_panels(7.0, 1.2 + 0.27 * max(len(order), 1)) as (figure, axes):
         axes.barh(range(len(order)), drawn, color=np.where(drawn > 0.0, VERMILION, BLUE))
         if not order:
@@ -35,7 +36,7 @@ def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
         axes.set_yticks(range(len(order)), [short_name(sensitivities.fields[i]) for i in order])
         axes.set(
             xlabel="change of the metric if the field increases by 1 % (%)",
-            title=f"Sensitivities of {METRICS[metric].label}",
+            title=f"Sensitivities of {label}",
         )
         axes.grid(visible=False, axis="y")
         axes.set_axisbelow(True)

@@ -167,7 +167,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
     """Plot a tornado chart: the mean of a metric in the lowest and in the highest tenth of each random parameter.
 
     If the metric depends more on the distance of a parameter from its median than on the parameter itself, the rank
-    correlation with this distance is given, too.
+    correlation with this distance is also given.
 
     Args:
         study: study of a scenario with distributions.

@@ -1,4 +1,4 @@
-"""Certify the controllers of the robustness study, fly them, and plot their certified scales beside their crashes."""
+"""Certify the controllers of the robustness study, fly them, and compare the certificates with the crashes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,12 +24,12 @@ _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 
 
 class Row(NamedTuple):
-    """Certified scale and crashes of a controller.
+    """Certified scale of the parameter ranges, and crashes, of a controller.
 
     Attributes:
         controller: name of the controller.
-        stable_scale: scale up to which hover is certified to be stable.
-        unstable_scale: smallest scale with an unstable loop.
+        stable_scale: scale of all parameter ranges up to which hover is certified to be stable.
+        unstable_scale: smallest scale for which an unstable loop was found.
         flights: number of flights.
         crashed: number of flights that crashed.
     """

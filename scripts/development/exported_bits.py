@@ -42,7 +42,7 @@ SHORT = ["duration=10", "metrics={start: 0, end: null}"]
 
 
 class Recorded(HostMachine):
-    """Machine that records its steps."""
+    """Exported controller on this computer, which records its steps."""
 
     steps: ClassVar[list[tuple[bytes, bytes, tuple[bytes, bytes]]]] = []
 
@@ -54,7 +54,7 @@ class Recorded(HostMachine):
 
 
 def cases(only: str) -> list[tuple[str, str]]:
-    """Return laboratory and controller of each flight; the controller is empty for that of the scenario."""
+    """Return the laboratory and the controller of each flight. The controller is empty if the scenario contains it."""
     result = [(scenario, "") for scenario in SCENARIOS]
     for name, laboratories in LABORATORIES.items():
         file = shipped_folder() / "controllers" / f"{name}.yaml"
@@ -97,14 +97,14 @@ def row(laboratory: str, controller: str, folder: Path) -> str:
 
 
 def bits(values: np.ndarray) -> np.ndarray:
-    """Return the bits of numbers as whole numbers."""
+    """Return the bit patterns of numbers as integers."""
     return np.ascontiguousarray(values).view(np.uint64)
 
 
 def main() -> None:
     """Print the table."""
     options = bare_parser(__doc__, "python scripts/development/exported_bits.py --only lqg")
-    options.add_argument("--only", default="", help="text that laboratory or controller contains")
+    options.add_argument("--only", default="", help="fly only cases whose laboratory or controller contains this text")
     only = options.parse_args().only
     with tempfile.TemporaryDirectory() as folder:
         for laboratory, controller in cases(only):

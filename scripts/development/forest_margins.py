@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m, between the vehicle and the trunks
-# Scenario layers of two controllers: an LQG regulator, and the controller that was second to LQG without obstacles.
+# Scenario layers of two controllers: an LQG regulator, and the controller that had the second fewest crashes without
+# obstacles.
 CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 

@@ -43,11 +43,11 @@ _NUM_AVERAGED = 3  # log samples per average over 30 ms; radio packets arrive at
 _SMOOTHING_SAMPLES = 8  # standard deviation of the Gaussian filter, log samples
 _CLIMB_SAMPLES = 400  # samples after lift-off that determine the derivative of the thrust
 _PERIOD = 0.01  # s, period of the log
-_FRAME = 0.002  # s, period of the estimator
+_ESTIMATOR_PERIOD = 0.002  # s, period of the estimator
 _SETTLING_SAMPLES = 150  # samples after take-off and before landing that are not used
 
 
-# Parameters that follow from torques only relative to the derivative of the thrust, to which they are proportional.
+# Parameters whose estimates are proportional to the assumed derivative of the thrust with respect to the command.
 _PROPORTIONAL = ("inertia[0]", "inertia[1]", "inertia[2]", "rotor_inertia", "body_drag.centre_of_pressure[2]")
 # All parameters of the rotational dynamics that are identified.
 _ROTATIONAL = (*_PROPORTIONAL, "rotor_time_constant")
@@ -264,7 +264,7 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
     arm = 4.0 * full * _ARM / (_MASS * _GRAVITY)
     drag, drag_deviation = spread("drag", slice(0, 2))
     scale, vertical = spread("scale", slice(0, 2)), spread("scale", 2)
-    frames = [max(0, round(flight.lag / _FRAME)) for flight in flights]
+    frames = [max(0, round(flight.lag / _ESTIMATOR_PERIOD)) for flight in flights]
     drift = np.mean([flight.drift for flight in flights], axis=0)
     linear = normal(drag * _MASS, drag_deviation * _MASS, "shared: {drag: 1}, min: 0")
     lean = drag / _GRAVITY

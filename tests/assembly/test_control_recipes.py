@@ -161,7 +161,7 @@ def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_para
     recipes, _ = recipes_of(asymmetric("pd_t1fnn"))
     (sets,) = recipes["network.rules"].parameters.antecedents
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
-    # A learning law that uses the command as its signal has no slope.
+    # The network learns from the command, so the slope λ of eq (15) is not used.
     learning = recipes["network.learning"].parameters
     assert learning == LearningParameters(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"

@@ -153,13 +153,17 @@ def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, 
         recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
 
 
-def test_wind_increases_the_force_slopes_of_quadratic_drag_and_lift(asymmetric):
-    wind = "laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]"
+@pytest.mark.parametrize(
+    "motion", ["laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]", "initial.velocity=[3, 0, 4]"]
+)
+def test_wind_and_initial_velocity_increase_the_force_slopes_of_quadratic_drag_and_lift(asymmetric, motion):
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
         max_number = 2.5 * 0.74 / 0.01 / 10.0
-        recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, wind, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
+        recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, motion, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
         with pytest.raises(InputError, match="too long for drag with a time constant"):
-            recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, wind, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
+            recipes_of(
+                asymmetric("pid", *CALM_WITHOUT_DRAG, motion, "vehicle." + drag.format((1.0 + 1e-9) * max_number))
+            )
 
 
 def test_force_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):

@@ -226,7 +226,8 @@ def test_steady_winds_are_added_and_calm_air_has_no_recipe(asymmetric):
         assert not any(path.startswith("wind.") for path in recipes)
     drawn_speed = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
     assert "wind.steady" in recipes_of(asymmetric("pid", drawn_speed))
-    # The diagram contains a steady wind if the scenario can draw one or if a vehicle of the batch has one.
+    # The diagram contains a steady wind if the distribution of the scenario allows one, or if a vehicle of the batch
+    # has one.
     calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
     for wind, speeds in ((drawn_speed, (0.0, 0.0)), (calm, (0.0, 1.5))):
         scenario = asymmetric("pid", wind)
@@ -250,7 +251,7 @@ def test_a_time_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(as
                 recipes_of(scenario)
 
 
-def test_queues_are_long_enough_for_the_longest_delay_that_can_be_drawn(asymmetric):
+def test_queues_are_long_enough_for_the_longest_delay_in_the_distribution(asymmetric):
     latencies = ["laboratory.motion_capture.latency_frames={choice: [3, 1, 2]}"]
     scenario = asymmetric("pid", *latencies, "laboratory.command_link.delay_ticks={choice: [0, 4, 1]}")
     recipes = recipes_of(scenario)
@@ -292,6 +293,7 @@ def test_an_autopilot_that_takes_body_rates_has_no_attitude_loop(action, gains):
     assert parameters.k_attitude == gains
 
 
+# Field of the scenario, system that models the imperfection, and name of the imperfection in the system's structure.
 IMPERFECTIONS_OF_A_FLEET = [
     ("vehicle.battery_sag", "vehicle", "faulty"),
     *(

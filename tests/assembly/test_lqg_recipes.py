@@ -30,8 +30,18 @@ WEIGHT = 0.7 * 9.79  # N, nominal weight
 # Delay of a command, s. It takes effect after one tick of 20 ms and is held for one tick, which adds half a tick on
 # average.
 COMMAND_DELAY = 0.02 * (1 + 0.5)
-LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
-VERTICAL_DISTURBANCES = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
+LATERAL_DISTURBANCES = Disturbances(
+    first=ChainNoise(deviation=0.01108, time=0.25),
+    second=ChainNoise(deviation=0.8325, time=0.6),
+    bias=ChainNoise(deviation=16.6, time=20.0),
+    command_noise=3.296,
+)
+VERTICAL_DISTURBANCES = Disturbances(
+    first=ChainNoise(deviation=0.4975, time=0.25),
+    second=ChainNoise(deviation=0.7479, time=0.6),
+    bias=None,
+    command_noise=0.03164,
+)
 
 
 def regulator_of_scenario(scenario):

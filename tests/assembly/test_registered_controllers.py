@@ -274,7 +274,7 @@ class OneVehiclePorts(Plain):
     [
         (NeedsGain, "NeedsGain cannot be built: "),
         (MisnamedPort, "has the input port `measurment`, but may only have `measurement`, `reference`"),
-        (OneVehiclePorts, "must have 12 rows for each of 2 vehicles, but has 12"),
+        (OneVehiclePorts, "must have 12 elements for each of 2 vehicles, but has 12"),
         (Plain(), "a controller must be the class of a Drake system"),
         (SimpleNamespace, "has no output port `acceleration_command`, `wrench` or `attitude_target`"),
     ],

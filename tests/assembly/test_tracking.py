@@ -75,8 +75,8 @@ def test_a_derivative_of_the_measurement_causes_an_error_of_k_d_over_k_p_times_t
     velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
     assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # On the figure eight, the error is about (k_D / k_P) v, which is metres instead of centimetres. In curves it is
-    # even larger, since they are too fast for the bandwidth of such a slow loop.
+    # On the figure eight, the error is metres instead of centimetres: about (k_D / k_P) v, and more in curves, which
+    # are too fast for the bandwidth of this loop.
     gains_of_the_paper = [
         f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")
     ]
@@ -201,15 +201,15 @@ def test_a_user_s_control_needs_only_a_wrench(figure_eight):
 
 
 def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
-    """The rows of each signal match its record type, which the name of the signal determines."""
+    """Each signal has one component for each field of its type in `SIGNALS`."""
     flight = simulate(figure_eight("duration=0.5"))
     assert set(flight.signals) == EXPORTED_SIGNALS
     diagram = build_tracking_diagram(figure_eight(), 2)
     assert {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())} == EXPORTED_SIGNALS
     for name in EXPORTED_SIGNALS:
-        num_rows = len(SIGNALS[name]._fields)
-        assert flight[name].shape == (26, num_rows)
-        assert diagram.GetOutputPort(name).size() == 2 * num_rows
+        num_components = len(SIGNALS[name]._fields)
+        assert flight[name].shape == (26, num_components)
+        assert diagram.GetOutputPort(name).size() == 2 * num_components
 
 
 @pytest.mark.slow
@@ -257,7 +257,7 @@ def test_vehicles_have_the_flights_of_the_given_samples(figure_eight):
             np.testing.assert_array_equal(actual, expected)
 
 
-def test_an_injected_command_is_added_to_the_command_of_the_link(figure_eight):
+def test_an_injected_signal_is_added_to_the_command_before_the_command_link(figure_eight):
     scenario = figure_eight("route={kind: hover}")
     plan = plan_route(scenario)
     diagram = build_fleet_diagram(Batch(scenario, (0,), {}), plan, injects=True)
@@ -274,14 +274,14 @@ def test_an_injected_command_is_added_to_the_command_of_the_link(figure_eight):
 
 @pytest.mark.long
 def test_signals_of_a_network_are_exported(asymmetric):
-    """The weights have one row for each of 12 rules on each of three axes."""
+    """There are 36 weights: one for each of 12 rules on each of three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
     assert set(flight.signals) == EXPORTED_SIGNALS | {"weights", "covariance_trace"}
     assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 
-def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
-    """A tick reads a frame that is 10 ms old, and the link delays the command."""
+def test_the_rotor_command_has_the_delays_of_the_camera_frame_and_of_the_command_link(figure_eight):
+    """A control tick reads a camera frame that is 10 ms old, and the command link delays the command."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)
@@ -294,7 +294,7 @@ def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
 
 
 @pytest.mark.parametrize(("ticks", "frames"), [(0, 0), (1, 0), (2, 0), (1, 1), (1, 3)])
-def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_frames_and_ticks(
+def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delays_of_camera_and_link(
     figure_eight, ticks, frames
 ):
     """The expected delay consists of camera latency, link delay, and the 10 to 20 ms until a tick reads a frame."""
@@ -320,8 +320,8 @@ def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_fr
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # A tick reads the previous frame. The next tick reads the frame that shows the jump after 20 ms if the frame is
-    # taken at a tick, and after 10 ms otherwise.
+    # A control tick reads the previous camera frame. So the first frame after the jump is read 20 ms later if it is
+    # taken at a tick, and 10 ms later if it is taken between two ticks.
     shortest_delay = 0.01 * (1 + frames) + 0.02 * ticks
     assert min(delays) == pytest.approx(shortest_delay, abs=1e-9)
     assert max(delays) == pytest.approx(shortest_delay + 0.01, abs=1e-9)

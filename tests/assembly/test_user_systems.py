@@ -37,7 +37,7 @@ OUTPUT_SIZES = {"acceleration_command": 3}
             {"wrench": 4},
             "has the input port `refrence`, but may only have `meas",
         ),
-        ("control", INPUT_SIZES, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
+        ("control", INPUT_SIZES, {"wrench": 3}, "the port `wrench` of control must have 4 elements, but has 3"),
         (
             "position_controller",
             {**INPUT_SIZES, "measurement": 6},
@@ -54,8 +54,8 @@ OUTPUT_SIZES = {"acceleration_command": 3}
         ("wind", {}, {"wind": 3, "gust": 3}, "wind must have a single output port, but has `wind`, `gust`"),
         ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may only have `state`"),
         ("wind", {}, {}, "wind must have a single output port, but has none"),
-        ("wind", {"state": 6}, {"gust": 3}, "the port `state` of wind must have 12 rows, but has 6"),
-        ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
+        ("wind", {"state": 6}, {"gust": 3}, "the port `state` of wind must have 12 elements, but has 6"),
+        ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 elements, but has 2"),
     ],
 )
 def test_the_message_about_an_unsuitable_port_names_the_port(diagrams, argument, inputs, outputs, sentence):
@@ -64,7 +64,7 @@ def test_the_message_about_an_unsuitable_port_names_the_port(diagrams, argument,
     assert sentence in str(caught.value)
 
 
-def test_objects_that_are_not_systems_or_have_ports_with_too_few_rows_are_refused(diagrams):
+def test_objects_that_are_not_systems_or_have_ports_of_the_wrong_size_are_refused(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match="must be a Drake system, an object and not its class or a function that"):
         simulate(scenario, position_controller=WithPorts)
@@ -72,7 +72,7 @@ def test_objects_that_are_not_systems_or_have_ports_with_too_few_rows_are_refuse
         simulate(scenario, control=lambda n: WithPorts(INPUT_SIZES, {"wrench": 4}))
     with pytest.raises(InputError, match="^wind must be a Drake system, but is an object of type dict$"):
         simulate(scenario, wind={})
-    with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
+    with pytest.raises(InputError, match="must have 12 elements for each of 3 vehicles, but has 12"):
         build_tracking_diagram(scenario, 3, position_controller=WithPorts(INPUT_SIZES, OUTPUT_SIZES))
     with pytest.raises(InputError, match="pass either control or position_controller, not both"):
         simulate(

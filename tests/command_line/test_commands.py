@@ -46,7 +46,7 @@ def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_fly_simulates_an_x_layout(run, tmp_path):
-    """An X layout flies as well as a plus layout with arms of the same length. The saved scenario is the flown one."""
+    """An X layout flies as well as a plus layout with equal arms. The saved scenario equals the flown scenario."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
     result = run("fly", *short, tmp_path / "x", "--set", "nominal.layout={kind: x}")
@@ -354,7 +354,7 @@ def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
-def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
+def test_map_prints_the_fraction_of_stable_gains_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % do not crash", result.stdout, re.MULTILINE)
@@ -399,7 +399,7 @@ def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
         ),
     ],
 )
-def test_wind_with_a_mean_of_zero_is_drawn(run, tmp_path, wind, remark):
+def test_wind_with_a_mean_of_zero_is_plotted(run, tmp_path, wind, remark):
     changes = ("duration=0.5", "vehicle.linear_drag=0.1", f"laboratory.wind={wind}")
     arguments = ["diagrams/hover.yaml", *(part for change in changes for part in ("--set", change))]
     result = run("fly", *arguments, "--output", tmp_path)
@@ -559,7 +559,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
-    """The metrics of the repeated flight agree with the row of the sample to 1e-9."""
+    """The metrics of the repeated flight agree with the results of the study to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (fly) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
@@ -577,7 +577,7 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("blank_figures", "without_figures")
-def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
+def test_the_worst_samples_are_crashes_and_are_printed_with_their_obstacles(run, tmp_path):
     scenario = tmp_path / "pillars.yaml"
     scenario.write_text(
         "pillars:\n  extends: hover\n  duration: 0.4\n  vehicle: {linear_drag: {uniform: {min: 0.0, max: 1.0}}}\n"
@@ -789,7 +789,7 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
         (path.read_text(encoding="utf-8").partition("\nlog180:")[2]).splitlines()
         for path in (tmp_path / "mine.yaml", ROOT / "diagrams" / "crazyswarm2.yaml")
     ]
-    # log180 does not determine the centre of mass, about 30 µm, to 2 %, so its tolerance is 2 µm.
+    # The centre of mass is only about 30 µm off the origin in log180, so its tolerance is absolute, 2 µm.
     atol = 0.0
     for mine, shipped in zip(*lines, strict=True):
         if mine.endswith(":"):
@@ -838,7 +838,10 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
 
 
 def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
-    """The file contains all flights, so the script flies none. One flight identified only the inertia, one nothing."""
+    """The file contains all flights, so the script flies none.
+
+    In the second flight only the inertia was identified, and in the third flight nothing.
+    """
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
     head = ["# wind seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]
@@ -847,7 +850,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     lines = [line.split() for line in result.stdout.splitlines() if "of" in line.split()]
     assert result.stdout.startswith("3 flights")
-    # Two estimates have errors of 2 and -1 standard deviations; their mean divided by their spread is 0.05 / 0.15.
+    # The two estimates of the inertia have errors of 0.2 and -0.1, with mean 0.05 and standard deviation 0.15.
     assert lines[0] == ["inertia[0]", "1", "of", "2", "50", "%", "[1,", "99]", "+0.33", "0.63", "0.16", "1"]
     assert lines[1][:4] == ["linear_drag", "0", "of", "1"]
     assert lines[1][-1] == "2"
@@ -896,7 +899,7 @@ def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path,
         ),
     ],
 )
-def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_an_impossible_check_of_the_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
     (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
     head = "# wind seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
     (tmp_path / "before.csv").write_text(head, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The option `--controller` accepts layers of the scenario language and Drake systems in Python."""
+"""The option `--controller` accepts controllers in YAML and Drake systems in Python."""
 
 import argparse
 import re
@@ -70,7 +70,7 @@ def arguments(**given):
     return argparse.Namespace(**({"scenario": "hover", "set": [], "seed": None, "controller": None} | given))
 
 
-def test_a_layer_overrides_the_scenario() -> None:
+def test_a_controller_in_yaml_overrides_that_of_the_scenario() -> None:
     scenario = scenario_from_arguments(arguments(scenario="laboratory:nominal", controller="controllers/paper:pd"))
     assert scenario == load_scenario("laboratory:nominal", layers=["controllers/paper:pd"])
 
@@ -188,7 +188,7 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     assert result.returncode == 2
     first, *traceback = [each for each in result.stderr.splitlines() if not each.startswith("remark: ")]
     assert first.startswith(f"error: {words.format(file=file)}")
-    # Workers report the first line only.
+    # A study reports only the first line of an error, since its workers raise it.
     assert line in "".join(traceback) or command == ["study"]
     assert "drake_quad" not in "".join(traceback)
 
@@ -253,7 +253,7 @@ def test_a_misspelt_kind_in_a_saved_scenario_is_refused_with_the_known_kinds(min
             load_scenario("saved.yaml")
 
 
-def test_a_scenario_of_this_library_is_saved_without_options(tmp_path) -> None:
+def test_a_scenario_without_kinds_in_python_is_saved_without_a_comment_on_import_options(tmp_path) -> None:
     save_scenario(load_scenario("robustness"), tmp_path / "saved.yaml")
     assert (tmp_path / "saved.yaml").read_text(encoding="utf-8").startswith("robustness:\n")
 

@@ -105,7 +105,7 @@ def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch,
     assert len(certified) == 1
 
 
-def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
+def test_the_integral_gains_of_a_pid_are_designed(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [1, 1, 1]}"
     for number, (more, integral) in enumerate(

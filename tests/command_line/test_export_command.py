@@ -10,7 +10,7 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compile
 
 
 @pytest.mark.long
-def test_exported_code_is_a_controller_of_every_command(run, tmp_path):
+def test_exported_code_can_be_the_controller_in_every_command(run, tmp_path):
     exported = tmp_path / "exported"
     result = run("export", "laboratory:nominal", "--output", exported)
     assert result.returncode == 0

@@ -122,7 +122,7 @@ def test_all_shipped_scenarios_are_listed(run):
         (["drake-quad", "compare", "--controller", "controllers/l"], None),
     ],
 )
-def test_bash_completes(run, tmp_path, words, completed):
+def test_bash_completes_commands_options_and_names(run, tmp_path, words, completed):
     (tmp_path / "script").write_text(run("completion", "bash").stdout, encoding="utf-8")
     line = " ".join(words)
     ask = f"""

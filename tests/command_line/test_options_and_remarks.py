@@ -35,7 +35,7 @@ COMMANDS_WITH_UNCOMPILED_FLIGHTS = {"fly", "study", "compare", "map", "replicate
 
 
 @pytest.mark.slow
-def test_scenario_commands_have_overrides_and_commands_with_figures_have_vector():
+def test_scenario_commands_have_override_options_and_commands_with_figures_have_the_vector_option():
     for command in COMMANDS:
         flags = options_of(command)
         assert ("--seed" in flags) == (command not in COMMANDS_WITHOUT_SCENARIO)
@@ -91,7 +91,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
 
 @pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
 def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
-    """The wind of the scenario has no effect. An error replaces the designs."""
+    """The remark says that the wind has no effect. The design function is replaced by one that raises an error."""
     module = command_module(command)
     function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
 
@@ -122,7 +122,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, repla
         assert calls["show_replay"] == [(("a browser", "robustness", simulated["flight"]), {})]
 
 
-def test_the_default_worst_case_belongs_to_the_flown_sample():
+def test_the_default_worst_case_is_relative_to_the_drawn_values_of_the_flown_sample():
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
@@ -213,7 +213,7 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     assert capsys.readouterr().out == "simulation speed: 2 vehicle-seconds per second\n"
 
 
-def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noqa: F811
+def test_the_command_draw_shows_the_diagram_of_the_first_sample(run, replaced, tmp_path):  # noqa: F811
     calls = replaced("draw", draw_sample=lambda scenario, _: scenario, build_tracking_diagram=None, drawings={})
     assert run("draw", "hover", "--output", tmp_path).returncode == 0
     assert calls["draw_sample"][0][0][1] == 0

@@ -170,7 +170,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     assert cells(header) == [["error (cm)", "axis", "measured", "predicted median [95 %]", "measured within 95 %"]]
     rows = cells("\n".join(rows))
     assert [row[:2] for row in rows] == [
-        [name, axis] for name in ("RMSE", "mean", "95 % largest") for axis in ("x", "y", "z", "all")
+        [name, axis] for name in ("RMSE", "mean", "95th percentile") for axis in ("x", "y", "z", "all")
     ]
     figures = compared.logged_statistics
     np.testing.assert_allclose(
@@ -368,8 +368,8 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     lines = printed.out.splitlines()
     assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
-    # The standard deviation is 0.02 kg for the mean, and √(0.02² + 0.04²) kg for a new flight. The sum has 6.25 degrees
-    # of freedom.
+    # The standard deviation is 0.02 kg for the mean, and √(0.02² + 0.04²) kg for a new flight, where the sum of the
+    # variances has 6.25 degrees of freedom.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
     assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
@@ -507,7 +507,7 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
         assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
 
 
-def test_default_fields_depend_on_the_layout_and_the_autopilot():
+def test_default_fields_of_sensitivities_depend_on_the_layout_and_the_autopilot():
     position = [f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)]
     vehicle = ["vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"]
     vehicle += ["vehicle.rotor_time_constant"]

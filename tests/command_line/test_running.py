@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import subprocess
 import sys
 from contextlib import suppress
@@ -99,12 +100,12 @@ def test_a_message_that_cannot_be_written_does_not_change_the_status(monkeypatch
     assert statuses == [2]
 
 
-@pytest.mark.parametrize("arguments", [["--version"], ["--help"]])
-def test_a_command_on_a_full_device_has_no_traceback(arguments, root):
-    environment = {**os.environ, "PYTHONPATH": str(root)}
-    environment.pop("PYTHONUNBUFFERED", None)
+@pytest.mark.parametrize(("argument", "unbuffered"), [("--version", ""), ("--help", ""), ("--version", "1")])
+def test_a_command_on_a_full_device_has_no_traceback(argument, unbuffered, root):
+    """Python reports the error when the process ends, or when it prints if its output is not buffered."""
+    environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w", encoding="utf-8") as full:
-        command = [sys.executable, "-m", "drake_quad", *arguments]
+        command = [sys.executable, "-m", "drake_quad", argument]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=root, env=environment)
-    sentence = "failed: cannot write to the standard output: no space left on device\n"
-    assert (done.returncode, done.stderr) == (1, sentence)
+    assert done.returncode == 1
+    assert re.fullmatch(r"failed: .*no space left on device\n", done.stderr, re.IGNORECASE)

@@ -226,7 +226,7 @@ def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenar
 @pytest.mark.slow
 @each
 def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flights(scenario, plan, place, make):
-    """The fleet flies twice, and both flights are the same."""
+    """Each fleet simulates two batches of samples, and both fleets have the same results."""
     own = UserSystems(**{place: make})
     fleets = [StudyFleet(scenario, plan, 5, user_systems=own, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
@@ -308,7 +308,7 @@ class TimeScaling(LeafSystem):
 
 
 def mixed_diagram():
-    """Return a diagram of a hold and uncompiled systems that are connected to each other and to exported inputs."""
+    """Return a diagram of a zero-order hold and uncompiled systems, which are connected to each other and to inputs."""
     builder = DiagramBuilder()
     n = 2
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))

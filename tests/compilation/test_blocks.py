@@ -59,7 +59,7 @@ def after_tick(steps, memory):
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """System with every type of declaration. Its state contains rows of its input."""
+    """System with every type of declaration that a FleetSystem supports."""
 
     def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, parameters=0.25):
         seen = self.input("seen", layout=PAIR_LAYOUT, absent=Pair(0.1, 0.2))
@@ -100,7 +100,7 @@ def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.0
 
 
 def counters(builder, n, **structure):
-    """Connect two counters in a loop with a hold, and return the exported ports."""
+    """Connect two counters in a loop with a zero-order hold, and return the exported ports."""
     one = builder.AddNamedSystem("one", Counter(num_vehicles=n, **structure))
     two = builder.AddNamedSystem("two", Counter(num_vehicles=n, parameters=0.5 + np.arange(n) if n > 1 else 0.7))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.04, 2 * n))
@@ -120,7 +120,7 @@ COUNTER_STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"
 @pytest.mark.parametrize("structure", COUNTER_STRUCTURES)
 @pytest.mark.parametrize("n", [1, 3])
 def test_every_type_of_declaration_can_be_compiled(n, structure):
-    """The systems use ticks, the time, initial updates, and unrestricted updates with and without time zero."""
+    """The formulas use ticks and the time. There are initial, periodic and unrestricted updates."""
     assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, n, **structure)))
 
 
@@ -205,7 +205,7 @@ def test_a_gain_that_differs_between_vehicles_is_refused():
     assert refused(connect) == "gain cannot be compiled: its gain differs from vehicle to vehicle"
 
 
-def test_a_hold_with_an_offset_is_refused():
+def test_a_zero_order_hold_with_an_offset_is_refused():
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter())
         hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 2, 0.005))
@@ -215,7 +215,7 @@ def test_a_hold_with_an_offset_is_refused():
     assert refused(connect).startswith("hold, a ZeroOrderHold, cannot be compiled: ")
 
 
-def test_an_output_with_only_some_vehicles_is_refused():
+def test_an_output_with_only_some_vehicles_of_the_fleet_is_refused():
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter(num_vehicles=2))
         parts = builder.AddNamedSystem("parts", Demultiplexer(4, 1))
@@ -306,7 +306,7 @@ def test_a_diagram_without_periodic_events_is_refused():
     assert refused(connect) == "small cannot be compiled: it has no periodic events"
 
 
-def test_fleets_of_several_sizes_or_none_are_refused():
+def test_a_diagram_without_a_fleet_or_with_fleets_of_different_sizes_is_refused():
     def two(builder):
         return {
             f"{n}": builder.AddNamedSystem(f"counter_{n}", Counter(num_vehicles=n)).GetOutputPort("memory")

@@ -24,7 +24,7 @@ def windy_scenario(diagrams):
 
 
 def restart_vehicles(fleet, diagram, vehicles):
-    """Restart vehicles of the fleet with the initial values that a diagram's first vehicles have."""
+    """Restart vehicles of the fleet with the initial values of a diagram's first vehicles."""
     initial = Initializer(diagram, outputs=SELECTED_OUTPUTS).initial_values(diagram.CreateDefaultContext())
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
@@ -67,11 +67,11 @@ def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy_scenario)
     for vehicle in range(n):
         metrics = simulate(windy_scenario, sample=vehicle, until=0.5, compiled=False).metrics
         np.testing.assert_allclose(np.sqrt(sums.records[0].squares.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
-    assert sums.ticks.tolist() == [26.0] * n  # the first and the last vehicle are among them
+    assert sums.ticks.tolist() == [26.0] * n
     assert fleet.next_state("crash_time").crash_time.tolist() == [np.inf] * n
 
 
-def test_a_clock_stays_at_its_last_tick(windy_scenario):
+def test_the_clock_of_a_vehicle_stays_at_its_last_tick(windy_scenario):
     diagram = build_fleet_diagram(Batch.draw(windy_scenario, range(2)), plan_route(windy_scenario))
     fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=SELECTED_OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagram, range(2))

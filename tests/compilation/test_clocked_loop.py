@@ -54,7 +54,7 @@ def test_each_vehicle_uses_the_table_row_that_its_clock_selects(n):
         np.testing.assert_allclose(by_vehicle(loop.state, n), state, rtol=1e-13)
 
 
-def test_results_that_depend_on_parameters_only_are_computed_by_prepare():
+def test_results_that_depend_only_on_parameters_are_updated_only_by_prepare():
     n = 2 * LANES
     loop = loop_of(n)
     fill(loop.state, np.ones((n, 2)))

@@ -69,6 +69,7 @@ def assert_equal_at(wired, compiled, context):
         assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
 
 
+# Name of the controller, number of vehicles, and overrides.
 COMPLETE_SCENARIOS = [
     ("pid", 1, ()),
     ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
@@ -185,7 +186,7 @@ def test_a_simulation_can_continue_from_any_state_with_any_parameters(wired, com
     assert system.get_state(part, "laboratory.vehicle", "state").y > 0.02
 
 
-def test_state_records_of_a_fleet_have_one_array_per_row(figure_eight):
+def test_a_state_of_a_fleet_has_one_array_for_each_component(figure_eight):
     scenario, plan = figure_eight
     wired = build_tracking_diagram(scenario, 3, plan=plan)
     system = compiled_part(compile_diagram(wired, ticks=1))
@@ -196,7 +197,7 @@ def test_state_records_of_a_fleet_have_one_array_per_row(figure_eight):
     np.testing.assert_array_equal(actual, expected)
 
 
-def test_a_record_is_a_copy(compiled):
+def test_the_returned_state_is_a_copy(compiled):
     system = compiled_part(compiled)
     context = system.CreateDefaultContext()
     before = system.get_state(context, "laboratory.vehicle", "rotor_speed")
@@ -206,7 +207,7 @@ def test_a_record_is_a_copy(compiled):
 
 
 @pytest.mark.parametrize("path", ["laboratory.nobody", "reference.trajectory", "laboratory"])
-def test_reading_the_record_of_an_uncompiled_system_is_refused(compiled, path):
+def test_reading_the_state_of_an_uncompiled_system_is_refused(compiled, path):
     system = compiled_part(compiled)
     context = system.CreateDefaultContext()
     for ask in (system.get_state, system.get_parameter):
@@ -217,7 +218,7 @@ def test_reading_the_record_of_an_uncompiled_system_is_refused(compiled, path):
 
 
 @pytest.mark.slow
-def test_a_monitor_of_drake_observes_the_same_flight(wired, compiled):
+def test_the_monitor_of_drakes_simulator_observes_the_same_flight(wired, compiled):
     """The monitor is called at the same times, and ends the simulation at the same time."""
     seen = []
     for diagram in (wired, compiled):
@@ -240,8 +241,8 @@ def test_a_monitor_of_drake_observes_the_same_flight(wired, compiled):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("last", [0.0, 0.1, 0.2, 0.21])
-def test_no_event_starts_after_the_end(strided, last):
-    """An event that starts before or at the end is simulated with all of its ticks."""
+def test_no_event_starts_after_the_end_of_the_simulation(strided, last):
+    """An event that starts before or at the end of the simulation is simulated with all of its ticks."""
     simulators = [Simulator(strided) for _ in range(2)]
     system, part = part_of(simulators[0])
     system.set_end(part, last)
@@ -274,8 +275,8 @@ def test_a_simulation_cannot_begin_between_events_of_several_ticks(strided):
 
 
 @pytest.mark.slow
-def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, compiled):
-    """The record starts at time zero, and is the same for events of one and of ten ticks."""
+def test_recorded_outputs_have_the_values_before_the_discrete_updates(wired, strided, compiled):
+    """Recorded values start at time zero, and are the same for events of one and of ten ticks."""
     often = compile_diagram(wired, record=True)
     logs = []
     for diagram in (strided, often):
@@ -296,7 +297,7 @@ def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, c
 
 @pytest.mark.slow
 def test_contexts_of_one_compiled_diagram_are_independent(strided):
-    """Each simulation has its own record, and a cloned context continues independently."""
+    """Each simulation records its own outputs, and a cloned context continues independently."""
     simulators = [Simulator(strided) for _ in range(2)]
     for simulator, time in zip(simulators, (0.19, 0.39), strict=True):
         simulator.AdvanceTo(time)

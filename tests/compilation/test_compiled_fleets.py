@@ -61,7 +61,7 @@ def test_flights_of_a_vehicle_alone_and_in_a_compiled_fleet_are_bitwise_equal(st
 
 
 @pytest.mark.slow
-def test_a_batch_does_not_affect_the_next_one(study, plan, wired):
+def test_a_batch_of_samples_does_not_affect_the_next_one(study, plan, wired):
     """The batches have different durations, and some have fewer samples than the fleet has vehicles."""
     fleet = StudyFleet(study, plan, 9)
     first = fleet.fly(range(9))
@@ -75,8 +75,8 @@ def test_a_batch_does_not_affect_the_next_one(study, plan, wired):
 
 
 @pytest.mark.slow
-def test_a_reset_deletes_the_record(study, plan):
-    """A second flight of the same batch has the same record to the last bit."""
+def test_a_reset_deletes_the_recorded_signals(study, plan):
+    """A second flight of the same batch records bitwise equal signals."""
     batch = Batch.draw(study, range(9))
     simulation = simulate_fleet(batch, plan, record=True, compiled=True)
     records = []
@@ -103,7 +103,7 @@ def test_a_flight_ends_at_its_last_tick(diagrams, duration):
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2])
 def test_slower_cameras_do_not_change_the_ticks_of_the_control(diagrams, n):
-    """The flight is recorded and can end between two frames."""
+    """The flight is recorded, and can end between two camera frames."""
     study = load_scenario(
         diagrams / "figure_eight.yaml", ["duration=0.42", "laboratory.motion_capture.period=0.08", "metrics.start=0.1"]
     )
@@ -162,7 +162,7 @@ def test_a_controller_whose_period_does_not_match_the_other_periods_is_refused(d
         simulate(study, position_controller=SlowPd(period=0.015), compiled=True)
 
 
-def test_a_continuous_vehicle_is_refused(diagrams):
+def test_a_vehicle_with_a_continuous_state_cannot_be_compiled(diagrams):
     study = load_scenario(diagrams / "hover.yaml", ["vehicle.time_step=0"])
     with pytest.raises(InputError, match=r"^laboratory.vehicle, a Quadrotor, cannot be compiled: its state is contin"):
         simulate(study, compiled=True)

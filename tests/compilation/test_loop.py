@@ -13,6 +13,7 @@ from drake_quad.framework import elementary, scheduling
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.symbols import Listing
 
+# A vector register of the processor holds LANES vehicles.
 NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
@@ -72,7 +73,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
 
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
-def test_only_rows_that_change_are_written(n):
+def test_only_state_components_that_change_are_written(n):
     """Memory outside the fleet does not change. Nothing changes if there are no events."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
@@ -95,7 +96,7 @@ def test_aligned_arrays_begin_at_a_cache_line():
         assert array.ctypes.data % parts.CACHE_LINE == 0
 
 
-def test_a_log_has_columns_for_whole_vectors_of_vehicles():
+def test_the_number_of_log_columns_is_rounded_up_to_whole_vectors_of_vehicles():
     listing = Listing()
     loops = [
         Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
@@ -107,7 +108,7 @@ def test_a_log_has_columns_for_whole_vectors_of_vehicles():
 
 
 def listing_with_late_uses():
-    """Return a listing in which numbers, truth values, words and parameters are used again much later."""
+    """Return a listing in which numbers, booleans, 64-bit words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)
@@ -127,7 +128,7 @@ def listing_with_late_uses():
 
 @pytest.mark.parametrize("n", [1, LANES + 1])
 @pytest.mark.parametrize("window", [2, 7, 40, 10_000])
-def test_the_order_of_lines_does_not_change_the_results(monkeypatch, window, n):
+def test_the_order_of_operations_does_not_change_the_results(monkeypatch, window, n):
     rng = np.random.default_rng(3)
     numbers = {
         "state": rng.uniform(-9.0, 9.0, (6, n)),
@@ -145,8 +146,8 @@ def test_the_order_of_lines_does_not_change_the_results(monkeypatch, window, n):
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(4)))[::3], ids=str)
-def test_shifted_rows_are_read_before_they_are_overwritten(order):
-    """The example is a delay line. Its first row is computed late, and the other rows are shifted in any order."""
+def test_shifted_state_components_are_read_before_they_are_overwritten(order):
+    """The example is a delay line. Its first component is computed late, and the others are shifted in any order."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     fresh = rows[0]
@@ -169,8 +170,8 @@ def test_shifted_rows_are_read_before_they_are_overwritten(order):
 
 
 @pytest.mark.parametrize("targets", list(itertools.permutations(range(3))), ids=str)
-def test_rows_can_be_exchanged(targets):
-    """Other rows depend on the exchanged rows, and are computed before and after the exchange."""
+def test_state_components_can_be_exchanged(targets):
+    """Other components depend on the exchanged ones, and are computed before and after the exchange."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     early, late = rows[0] * 2.0, rows[1] + rows[2]

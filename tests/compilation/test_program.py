@@ -36,7 +36,7 @@ def swapped(x, constant):
 
 @fleet_system(float)
 class Growing(FleetSystem):
-    """System with one state row, which a formula with a constant updates periodically."""
+    """System with one state component, which a formula with a constant updates periodically."""
 
     def declare(
         self,
@@ -76,7 +76,7 @@ def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="sma
 
 @pytest.fixture
 def new_loops(monkeypatch):
-    """Empty the cache of events, and return a list to which every new loop is added."""
+    """Empty the cache of events, and return a list to which the machine code of every new event is added."""
     monkeypatch.setattr(program, "_event_cache", ThreadSafeCache())
     loops, make = [], program.Loop
 
@@ -102,7 +102,7 @@ def wired(diagram):
     return [diagram.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
 
 
-def test_diagrams_that_differ_only_in_values_share_events(new_loops):
+def test_diagrams_that_differ_only_in_values_share_machine_code(new_loops):
     """The diagrams differ in parameters, initial state and name."""
     first = compiled_outputs(diagram_of())
     count = len(new_loops)
@@ -113,7 +113,7 @@ def test_diagrams_that_differ_only_in_values_share_events(new_loops):
     assert not np.array_equal(compiled_outputs(other), first)
 
 
-def test_fleets_of_different_sizes_share_events(new_loops):
+def test_fleets_of_different_sizes_share_machine_code(new_loops):
     """The diagram has a multiplexer, a demultiplexer, and a trajectory that all vehicles share."""
 
     def fleet(n):
@@ -148,6 +148,7 @@ def test_fleets_of_different_sizes_share_events(new_loops):
     assert len(new_loops) > counts[0]
 
 
+# Arguments of `diagram_of`, each of which changes the computations of the diagram.
 DIAGRAM_DIFFERENCES = [
     {"formula": grown},
     {"constant": 2.5},
@@ -176,7 +177,7 @@ def test_diagrams_with_different_computations_have_different_events(new_loops, d
 
 
 @pytest.mark.parametrize("first", [1, 2])
-def test_diagrams_that_split_rows_differently_have_different_events(first):
+def test_diagrams_that_split_a_vector_differently_have_different_events(first):
     """The diagrams differ only in the output sizes of a demultiplexer."""
     builder = DiagramBuilder()
     grows = builder.AddNamedSystem("grows", Growing())
@@ -226,8 +227,8 @@ class Selecting(FleetSystem):
             self.state_output(state)
 
 
-def test_diagrams_that_differ_only_in_one_row_s_gain_have_different_results():
-    """The two diagrams differ only in the gain of the second row."""
+def test_diagrams_that_differ_only_in_the_gain_of_one_component_have_different_results():
+    """The two diagrams differ only in the gain of the second component."""
     for second in (5.0, 7.0):
         builder = DiagramBuilder()
         grows = builder.AddNamedSystem("grows", Growing())
@@ -272,7 +273,7 @@ def test_mutable_constants_are_never_shared():
             assert each.GetOutputPort("x").Eval(simulator.get_context()) == [4.0 * (1.0 + sum(by))]
 
 
-def test_events_differ_by_recorded_ports_and_number_of_ticks(new_loops):
+def test_events_with_other_recorded_ports_or_ticks_have_their_own_machine_code(new_loops):
     counts = []
     for options in ({}, {"record": True}, {"ticks": 3}, {"ticks": 3, "record": True}, {"ticks": 3, "tick": 0.01}):
         compile_diagram(diagram_of(), **options)

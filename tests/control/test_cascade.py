@@ -21,11 +21,19 @@ from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.signals import Acceleration, Attitude, Jerk, Reference, Snap, State, Torque, Wrench
 
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
-VECTORING_PARAMETERS = VectoringParameters(0.7, 9.79, ThrustLimits(math.tan(0.4), 3.0, 12.0))
-ATTITUDE_PARAMETERS = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+VECTORING_PARAMETERS = VectoringParameters(
+    mass=0.7, gravity=9.79, limits=ThrustLimits(tan_max_tilt=math.tan(0.4), min_thrust=3.0, max_thrust=12.0)
+)
+ATTITUDE_PARAMETERS = AttitudeParameters(
+    k_p=PerAngle(17.0, 14.0, 5.0), k_d=PerAngle(7.5, 6.8, 3.1), i_xx=0.0065, i_yy=0.0085, i_zz=0.0126
+)
 INPUTS = {
-    "measurement": State(0.3, -0.2, 1.1, 0.05, -0.04, 0.6, 0.2, -0.1, 0.3, 0.2, -0.3, 0.1),
-    "reference": Reference(0.5, 0.1, 1.0, 0.4, -0.2, 0.1, 0.3, 0.2, -0.1, 0.8, 0.25),
+    "measurement": State(
+        x=0.3, y=-0.2, z=1.1, roll=0.05, pitch=-0.04, yaw=0.6, v_x=0.2, v_y=-0.1, v_z=0.3, p=0.2, q=-0.3, r=0.1
+    ),
+    "reference": Reference(
+        x=0.5, y=0.1, z=1.0, v_x=0.4, v_y=-0.2, v_z=0.1, a_x=0.3, a_y=0.2, a_z=-0.1, yaw=0.8, yaw_rate=0.25
+    ),
     "reference_jerk": Jerk(0.6, -0.7, 0.4),
     "reference_snap": Snap(-1.1, 0.9, 0.5, 0.3),
 }
@@ -173,7 +181,7 @@ def test_a_network_corrects_any_controller_and_reads_its_disturbance_estimate():
 
 @pytest.mark.parametrize("leads", [False, True])
 def test_a_controller_receives_the_disturbance_learned_for_the_present_position(leads):
-    """The learned disturbance is evaluated at the present position, and the correction after the lead time."""
+    """The correction is evaluated at the position after the lead time, the learned disturbance at the current one."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, parameters=FuzzyRulesParameters((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()

@@ -37,7 +37,7 @@ def test_the_response_to_feed_forward_has_a_separate_lag():
     ("deviation", "time_constant", "noise"), [(0.3, 0.5, 1e-3), (1.7, 60.0, 0.02), (0.01, 2.0, 0.1)]
 )
 def test_the_kalman_gain_matches_python_control(deviation, time_constant, noise):
-    """python-control's `dlqe` returns the prediction gain A L, and requires discrete-time noise (by quadrature)."""
+    """python-control's `dlqe` returns the prediction gain A L. It requires the discrete-time noise covariance."""
     import control
 
     law = KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=noise, period=H)

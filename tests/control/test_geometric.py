@@ -110,7 +110,7 @@ recovery:
 
 
 @pytest.mark.long
-def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_paper(tmp_path):
+def test_vehicles_recover_from_any_attitude_with_the_sample_rates_and_delay_of_the_paper(tmp_path):
     """The vehicles start at rest: upside down, at 178° about several axes, and at a hundred random attitudes."""
     path = tmp_path / "recovery.yaml"
     path.write_text(RECOVERY_SCENARIO)
@@ -135,9 +135,13 @@ def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_pape
 
 
 COMMANDED_ATTITUDE = Attitude(0.2, -0.3, 0.7)
-MEASURED_STATE = State(0.0, 0.0, 0.0, -0.4, 0.5, 1.1, 0.0, 0.0, 0.0, 0.3, -0.2, 0.6)
+MEASURED_STATE = State(
+    x=0.0, y=0.0, z=0.0, roll=-0.4, pitch=0.5, yaw=1.1, v_x=0.0, v_y=0.0, v_z=0.0, p=0.3, q=-0.2, r=0.6
+)
 PARAMETERS_WITH_INTEGRAL = IntegratingAttitudeParameters(
-    AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA), PerAngle(9.0, 7.0, 5.0), 0.35
+    attitude=AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA),
+    k_i=PerAngle(9.0, 7.0, 5.0),
+    limit=0.35,
 )
 
 

@@ -19,7 +19,7 @@ H = 0.02  # s, control tick
 LAG = 0.05  # s
 INERTIA = np.array([0.0065, 0.0085, 0.0126])  # kg m²
 GAINS = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
-PARAMETERS = IncrementalAttitudeParameters(GAINS, IncrementalLaw(5.0), LAG, 20.0)
+PARAMETERS = IncrementalAttitudeParameters(attitude=GAINS, law=IncrementalLaw(5.0), lag=LAG, limit=20.0)
 LEVEL_COMMAND = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration(0.0, 0.0, 0.0)
 DISTURBING_ACCELERATION = np.array([0.9, -0.7, 0.4])  # rad/s²
 

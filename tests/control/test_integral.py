@@ -21,7 +21,8 @@ def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="
     simulator = Simulator(system)
     context, corrections = simulator.get_mutable_context(), []
     for tick, error in enumerate(errors):
-        # Events at a tick are processed on the way to the next tick, with the error at that tick.
+        # The simulator processes the events of a tick when it advances to the next tick, with the error of the earlier
+        # tick.
         if tick:
             simulator.AdvanceTo(tick * H)
         corrections.append(system.get_output_port().Eval(context))

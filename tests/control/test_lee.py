@@ -22,7 +22,7 @@ G = 9.81  # m/s²
 MASS = 0.0325  # kg
 INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])  # kg m²
 # These limits are never reached, so the law is the published one.
-VECTORING_PARAMETERS = VectoringParameters(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
+VECTORING_PARAMETERS = VectoringParameters(MASS, G, ThrustLimits(tan_max_tilt=1e3, min_thrust=1e-6, max_thrust=1e3))
 GAINS = AttitudeParameters(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
 K_P = np.array(GAINS.k_p)
 K_D = np.array(GAINS.k_d)
@@ -165,7 +165,7 @@ def simulated_flight(**overrides):
         # The loop oscillates and diverges if the rotors are as slow as in the data sheet.
         "vehicle.rotor_time_constant": 0.01,
         "vehicle.rotor_time_constant_down": None,
-        # The propellers of log145 have this thrust factor.
+        # This is the thrust factor of the propellers in the flight log log145.
         "vehicle.thrust_factor": 2.8e-8,
         "crash.position_error": 10.0,
         "control.thrust_vectoring": {"max_tilt": 1.2, "min_thrust": 0.05, "max_thrust": 4.0},

@@ -159,7 +159,7 @@ def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled
 
 
 def quaternion_error(attitude, target, weight):
-    """Return the error of PX4's AttitudeControl, from rotations of the thrust axis in the world."""
+    """Return the attitude error of PX4's AttitudeControl, computed with SciPy's rotations."""
     q, desired = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
     axis_now, axis_then = q.apply([0.0, 0.0, 1.0]), desired.apply([0.0, 0.0, 1.0])
     axis, angle = np.cross(axis_now, axis_then), math.acos(np.clip(axis_now @ axis_then, -1.0, 1.0))
@@ -241,14 +241,14 @@ def test_the_attitude_target_is_held_between_the_ticks_of_the_loops():
         ("onboard", [], {**PX4_CONTROL, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
-def test_flights_of_cascades_agree_compiled_uncompiled_and_in_fleets(scenario, layers, overrides):
+def test_cascades_fly_equally_compiled_uncompiled_and_in_fleets(scenario, layers, overrides):
     loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
     assert_flown_alike(Batch.draw(loaded, range(2)))
 
 
 @pytest.mark.long
 def test_an_integral_removes_the_error_that_a_trim_force_causes():
-    """The integral of the velocity loop balances the trim force F. The error is F / (m k_1 k_2) without an integral."""
+    """The integral balances the trim force F. Without it, the error is F / m divided by both proportional gains."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
     still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
@@ -263,7 +263,7 @@ def test_an_integral_removes_the_error_that_a_trim_force_causes():
 
 
 @pytest.mark.slow
-def test_the_linear_model_of_a_slower_cascade_has_the_period_of_the_cascade():
+def test_the_linear_model_has_the_period_of_a_cascade_that_is_slower_than_the_ticks():
     scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE_SCENARIO)
     loop = closed_loop(scenario)
     assert loop.system.period == pytest.approx(0.01)

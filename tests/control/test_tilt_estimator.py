@@ -19,7 +19,7 @@ from drake_quad.signals import Acceleration, State
 H = 0.02  # s, control tick
 G = 9.79  # m/s²
 LAWS = (IncrementalLaw(1e6),) * 3
-PARAMETERS = TiltEstimatorParameters(LAWS, 0.06, G, 50.0)
+PARAMETERS = TiltEstimatorParameters(laws=LAWS, lag=0.06, gravity=G, limit=50.0)
 NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)
 
 

@@ -72,7 +72,7 @@ def test_the_outputs_of_a_plant_are_a_value_and_its_rate(plants):
 
 
 def test_the_position_responds_to_a_commanded_acceleration_through_the_tilt(plants):
-    """Pitch accelerates the vehicle along x, and roll against y.
+    """A positive pitch accelerates the vehicle along x, and a positive roll against the direction of y.
 
     The tilt loop is much faster than the tested frequencies.
     """
@@ -89,7 +89,7 @@ def test_the_position_responds_to_a_commanded_acceleration_through_the_tilt(plan
 @pytest.mark.long
 @pytest.mark.parametrize("centre", [(0.0004, 0.0), (0.0, -0.0006), (0.0003, 0.0004)])
 def test_a_vehicle_hovers_at_the_offset_that_its_displaced_centre_of_mass_predicts(diagrams, centre):
-    """The offset is measured from where a vehicle without displaced centre of mass hovers."""
+    """The offset is measured from the position at which a vehicle without such a displacement hovers."""
     overrides = [
         "laboratory.autopilot={kind: attitude, k_attitude: [6, 5, 3], k_rate: [14, 12, 8]}",
         "control.position={kind: pd, k_p: [1.5, 1.2, 4], k_d: [1.7, 1.5, 3], feed_forward: acceleration}",

@@ -13,10 +13,12 @@ from drake_quad.linear.hover_fleet import HoverFleet
 from drake_quad.scenario.hovering import at_rest, symmetric_hover
 from drake_quad.scenario.paths import map_leaves
 
-FIELDS = {"vehicle.mass": 0.68, "vehicle.rotor_time_constant": 0.05}
-SPREADS = np.array([0.05, 0.3])  # half-widths of the ranges, relative
+# Uncertain fields, with the centres of their ranges.
+CENTRES = {"vehicle.mass": 0.68, "vehicle.rotor_time_constant": 0.05}
+# Half-widths of the ranges of these fields, relative to their centres.
+SPREADS = np.array([0.05, 0.3])
 DELAY = {"laboratory.command_link.delay_ticks": 8.0}
-LAG = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
+UNCERTAIN_LAG = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
 
 
 def late(*overrides):
@@ -27,7 +29,7 @@ def late(*overrides):
 @pytest.fixture(scope="module")
 def certificate():
     mass = f"vehicle.mass={{uniform: {{min: {0.95 * 0.68}, max: {1.05 * 0.68}}}}}"
-    return certify_hover(late(mass, LAG))
+    return certify_hover(late(mass, UNCERTAIN_LAG))
 
 
 def poles_at(numbers):
@@ -39,20 +41,20 @@ def poles_at(numbers):
 def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
     assert 0.9 * certificate.unstable.scale < certificate.stable_scale < certificate.unstable.scale < math.inf
     assert certificate.gap < 0.1
-    assert certificate.parameters == tuple(FIELDS)
+    assert certificate.parameters == tuple(CENTRES)
     assert certificate.lost.scale == math.inf
 
 
 @pytest.mark.long
 def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
     assert 1.0 < poles_at(certificate.unstable.values).max() < 1.01
-    for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):
+    for (path, centre), spread in zip(CENTRES.items(), SPREADS, strict=True):
         distance = abs(certificate.unstable.values[path] / centre - 1.0)
         assert distance <= spread * certificate.unstable.scale + 1e-9
 
 
 @pytest.mark.long
-def test_the_loop_that_is_flown_grows_as_stated(certificate):
+def test_an_unstable_loop_diverges_with_the_stated_growth_time(certificate):
     loop, time = certificate.growth
     period = 0.02
     assert poles_at(loop.values).max() == pytest.approx(math.exp(period / time), rel=1e-6)
@@ -62,17 +64,18 @@ def test_the_loop_that_is_flown_grows_as_stated(certificate):
 
 @pytest.mark.slow
 def test_the_certified_box_has_the_ranges_at_the_stable_scale(certificate):
-    for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):
+    for (path, centre), spread in zip(CENTRES.items(), SPREADS, strict=True):
         half = centre * spread * certificate.stable_scale
         assert certificate.certified_box[path] == pytest.approx((centre - half, centre + half))
 
 
 @pytest.mark.slow
-def test_moments_of_inertia_stay_in_the_box_of_their_own_combination():
+def test_impossible_moments_of_inertia_are_corrected_for_each_combination_by_itself():
     moments = [(0, 0.005, 0.0055), (1, 0.005, 0.0055), (2, 0.0105, 0.0125)]
     overrides = [f"vehicle.inertia.{axis}={{uniform: {{min: {low}, max: {high}}}}}" for axis, low, high in moments]
     hover = UncertainHover(load_scenario("hover", overrides), UserSystems(), lambda count, step: None)
-    # No rigid body has a moment above the sum of the others, which are at their upper bounds here.
+    # The third moment of inertia of a rigid body is at most the sum of the other two, which are at their upper bounds
+    # here.
     z = np.array([[0.9], [1.4]]) * np.ones(3)
     together = hover.radii(z, np.zeros(2, dtype=int), "test")
     alone = [hover.radii(row[np.newaxis], np.zeros(1, dtype=int), "test")[0] for row in z]
@@ -80,17 +83,17 @@ def test_moments_of_inertia_stay_in_the_box_of_their_own_combination():
 
 
 @pytest.mark.long
-def test_no_loop_of_a_grid_within_the_certified_scale_is_unstable(certificate):
+def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
     resting = symmetric_hover(at_rest(late()))
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
     fractions = grid * SPREADS * certificate.stable_scale
-    loops = HoverFleet(resting, [*FIELDS])(np.array([*FIELDS.values()]) * (1.0 + fractions))
+    loops = HoverFleet(resting, [*CENTRES])(np.array([*CENTRES.values()]) * (1.0 + fractions))
     assert spectral_radii(loops).max() < 1.0
 
 
 @pytest.mark.long
-def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
-    found = certify_hover(late(LAG))
+def test_the_scale_of_a_single_parameter_agrees_with_a_bisection():
+    found = certify_hover(late(UNCERTAIN_LAG))
     low, high = 0.05, 0.05 + 0.015 * 8.0
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -105,7 +108,7 @@ def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
 def test_loops_without_an_equilibrium_are_not_unstable():
     # The commanded thrust is 0.3 to 1.8 times the nominal weight. At scale 2.33 the vehicle is lighter, and all loops
     # with an equilibrium are stable.
-    overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in FIELDS.items()]
+    overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in CENTRES.items()]
     found = certify_hover(load_scenario("hover", overrides))
     assert found.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
     assert found.lost.values["vehicle.mass"] < 0.3 * 0.68
@@ -115,13 +118,13 @@ def test_loops_without_an_equilibrium_are_not_unstable():
 
 @pytest.mark.long
 def test_a_certificate_depends_only_on_the_seed():
-    first, second = (certify_hover(late(LAG)) for _ in range(2))
+    first, second = (certify_hover(late(UNCERTAIN_LAG)) for _ in range(2))
     assert first == second
 
 
 @pytest.mark.long
 def test_a_loop_that_is_unstable_at_the_centre_has_no_stable_scale():
-    found = certify_hover(load_scenario("hover", [LAG, "laboratory.command_link.delay_ticks=20"]))
+    found = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
     assert found.stable_scale == found.unstable.scale == found.gap == 0.0
     assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
@@ -144,7 +147,7 @@ def test_a_range_is_scaled_about_its_centre_and_stays_positive():
 
 
 @pytest.mark.parametrize("limits", [(0.6, 0.8, False), (-0.1, 0.3, False), (0.1, 0.4, True)])
-def test_values_have_the_scale_from_which_they_follow(limits):
+def test_scaled_parameters_are_recovered_from_their_values(limits):
     z = np.array([-1.5, -1.0, 0.0, 0.3, 2.0])
     each = Range("", "", *limits)
     assert each.scaled(each.at(z)) == pytest.approx(z)
@@ -157,6 +160,6 @@ def test_a_scenario_without_a_range_that_acts_on_hover_is_refused():
 
 @pytest.mark.long
 def test_a_network_that_learns_cannot_be_certified(diagrams):
-    learning = load_scenario("hover", [LAG], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
+    learning = load_scenario("hover", [UNCERTAIN_LAG], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     with pytest.raises(InputError, match="has poles at 1 in hover"):
         certify_hover(learning)

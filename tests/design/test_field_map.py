@@ -31,7 +31,7 @@ def ranges(roll=3.0, rate=8.0):
 
 
 @pytest.mark.long
-def test_each_cell_is_a_flight_with_the_other_random_fields_at_their_medians():
+def test_each_cell_of_the_map_is_a_flight_with_the_other_random_fields_at_their_medians():
     found = field_map(thrown(ranges()), ROLL, RATE, size=3)
     np.testing.assert_allclose(found.x, [-2.0, 0.0, 2.0], atol=1e-12)
     np.testing.assert_allclose(found.y, [-16.0 / 3.0, 0.0, 16.0 / 3.0], atol=1e-12)

@@ -44,6 +44,7 @@ from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.hovering import at_rest, nominal_hover
 
 ROOT = Path(__file__).parent.parent.parent
+# Scenario for which each file in `diagrams/gains` was designed, by the name of the file.
 SHIPPED_SCENARIOS = {"figure_eight": "figure_eight", "laboratory": "laboratory:nominal"}
 
 
@@ -211,7 +212,7 @@ ASYMMETRIC_VEHICLE = [
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
 def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
-    """The poles of the designed inner and outer loops are multipliers of the whole diagram with these gains."""
+    """The poles of the designed inner and outer loops are also poles of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(nominal_hover(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
@@ -223,11 +224,11 @@ def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
     for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
         plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
         expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
-    designed_poles, multipliers = np.concatenate(expected), loop.system.poles()
+    designed_poles, diagram_poles = np.concatenate(expected), loop.system.poles()
     slow_poles = designed_poles[np.abs(designed_poles) > 0.1]
-    assert len(slow_poles) == (np.abs(multipliers) > 0.1).sum()
+    assert len(slow_poles) == (np.abs(diagram_poles) > 0.1).sum()
     for pole in slow_poles:
-        assert np.abs(multipliers - pole).min() < 1e-6
+        assert np.abs(diagram_poles - pole).min() < 1e-6
 
 
 @pytest.mark.slow
@@ -353,7 +354,7 @@ def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, desig
 
 
 @pytest.mark.slow
-def test_options_apply_to_their_axes():
+def test_design_options_apply_only_to_their_axes():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
     options = {
         "yaw": LoopOptions(PolePair(0.9), Requirements(phase=60.0)),
@@ -511,7 +512,7 @@ def test_gains_of_a_design_are_listed_axis_by_axis(pitch):
 
 
 @pytest.mark.slow
-def test_equal_axes_share_their_gains():
+def test_axes_with_equal_plants_have_equal_gains():
     """Roll and pitch gains are equal even on an asymmetric vehicle, because commands are accelerations."""
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
     options = default_options(0.02)
@@ -569,7 +570,7 @@ def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeyp
     assert gains == pytest.approx((frequency**2, 1.6 * frequency))
 
 
-def test_a_regulator_s_gains_are_found_to_four_digits():
+def test_the_gains_of_a_regulator_are_found_to_four_digits():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     for effort in (0.5, 20.0):
         K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
@@ -639,14 +640,14 @@ def pid_design():
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
 def test_poles_of_a_designed_pid_agree_with_the_whole_diagram(integration, pid_design):
-    """The poles of the designed loops are multipliers of the whole diagram with these gains."""
+    """The poles of the designed loops are also poles of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
-    multipliers = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()
+    diagram_poles = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):
         loop = design.loops[axis]
         poles = loop.plant.with_feedback(np.array([loop.gains])).poles()
         for pole in poles[np.abs(poles) > 0.1]:
-            assert np.abs(multipliers - pole).min() < 1e-6
+            assert np.abs(diagram_poles - pole).min() < 1e-6
 
 
 @pytest.mark.slow

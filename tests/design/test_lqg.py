@@ -33,7 +33,7 @@ from drake_quad.linear.link_margins import link_loops, link_margins
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch
 
-NO_DISTURBANCE = DisturbanceStatistics(0.0, 0.0, 0.5)
+NO_DISTURBANCE = DisturbanceStatistics(mean=0.0, deviation=0.0, time=0.5)
 # The chain of lags and integrators is an exact model of a vehicle without drag.
 NO_DRAG = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 NO_DRAG_BUT_DELAYS = (*NO_DRAG, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
@@ -82,7 +82,7 @@ def loop_transfer(loop, actual_plant, timing):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "plant"), [(NO_DRAG, (0, 1)), (NO_DRAG_BUT_DELAYS, (1, 2))])
-def test_the_loop_of_an_axis_equals_that_of_the_whole_diagram(shipped, overrides, plant):
+def test_the_loop_of_an_axis_equals_the_loop_of_the_whole_diagram(shipped, overrides, plant):
     scenario = shipped(*overrides)
     conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
     axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), conditions)
@@ -153,7 +153,7 @@ def test_an_unstable_loop_has_an_infinite_error(shipped):
         assert prediction.pole > 1.0
 
 
-def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
+def test_considered_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     drawn = considered_plants(load_scenario(f"{diagrams}/robustness.yaml"))
     assert {(each.latency_frames, each.delay_ticks) for each in drawn[1:]} == {(0, 1), (1, 3)}
     assert sorted({round(each.lag, 4) for each in drawn}) == [0.035, 0.055, 0.075]
@@ -169,25 +169,26 @@ def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     assert on_board[0].lags
     identified, *others = considered_plants(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
     assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
-    # The derivative of the thrust curve is 18.27 N, and of the nominal curve 14.27 N.
+    # Slopes of the thrust curve over throttle: 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Plants with faster rotors have a faster attitude response.
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
 
 
-def test_conditions_have_the_disturbances_and_noise_of_the_scenario(diagrams, low_wind):
+def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagrams, low_wind):
     _, conditions = low_wind
     # When the shipped controller was designed, flights had a deviation of 0.205 m/s² and a time constant of 0.6 s.
     assert conditions.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = flight_conditions(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
+    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). An offset of the centre of mass
+    # by 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
 
-def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(diagrams):
+def test_a_vehicle_with_an_identified_attitude_response_is_designed_for_the_smallest_bias(diagrams):
     """A design assumes the same bias as in a calm and ideal laboratory, the smallest one."""
     identified = flight_conditions(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
@@ -418,7 +419,7 @@ def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
 
 
 @pytest.mark.long
-def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
+def test_a_design_depends_on_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
     """The scenario has no autopilot, and all designs satisfy the limits."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])

@@ -10,9 +10,10 @@ from drake_quad.design import tuning
 from drake_quad.design.tuning import Budget, TuningParameter, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
-K_P_KNOB = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D_KNOB = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
-HEIGHT_KNOB = TuningParameter(("control.position.k_p.2",), 1.0, 20.0)
+# Fields that are tuned together, and the smallest and the largest value that is tried.
+K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+HEIGHT_PARAMETER = TuningParameter(("control.position.k_p.2",), 1.0, 20.0)
 FLIGHT_DURATION = 4.0  # s
 
 
@@ -26,7 +27,8 @@ def stub_flights(monkeypatch):
     """Return a function that replaces flights with given errors and crash times.
 
     Errors and crash times are functions of a candidate's parameters, a sample and a scenario. The returned function
-    returns a record of the scenarios and sizes of all fleets, and of the samples and parameters that they flew.
+    returns a dictionary, which lists the scenarios and sizes of all fleets, and the samples and parameters that they
+    flew.
     """
     record = {"fleets": [], "samples": [], "varying": []}
 
@@ -72,7 +74,7 @@ SEARCH_BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
 
 def test_the_gains_with_the_smallest_error_are_found(laboratory, stub_flights):
     stub_flights(quadratic_error)
-    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=SEARCH_BUDGET)
+    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=SEARCH_BUDGET)
     assert result.values == pytest.approx((4.0, 2.0), rel=0.01)
     assert result.error == pytest.approx(0.1, rel=1e-4)
     assert result.min_margin_ratio == np.inf
@@ -83,7 +85,7 @@ def test_the_gains_with_the_smallest_error_within_a_limit_are_found(laboratory, 
     stub_flights(quadratic_error)
     result = tune(
         [laboratory],
-        [K_P_KNOB, K_D_KNOB],
+        [K_P_PARAMETER, K_D_PARAMETER],
         lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]),
         budget=SEARCH_BUDGET,
     )
@@ -99,7 +101,7 @@ def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
         gain = scenario.control.position.k_p[0]
         return np.zeros(1) if gain > 3.0 else np.array([2.5 / gain, 0.9 + 1.0 / scenario.control.position.k_d[0]])
 
-    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=SEARCH_BUDGET)
+    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], fractions, budget=SEARCH_BUDGET)
     assert result.min_margin_ratio >= 1.0
     assert result.values == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
 
@@ -112,7 +114,7 @@ def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
         return 0.1 + 0.05 * (p * p + d * d) + 0.02 * (2.0 - np.cos(10.0 * p) - np.cos(10.0 * d))
 
     stub_flights(error_with_many_minima)
-    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=Budget(rounds=8, candidates=64, samples=1))
+    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=Budget(rounds=8, candidates=64, samples=1))
     assert result.values == pytest.approx((4.0, 2.0), rel=0.02)
 
 
@@ -124,13 +126,13 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
     """
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
-    tune([laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=budget)
-    rounds = [each for each in record["varying"] if len(each[K_P_KNOB.paths[0]]) == 64]
+    tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], fractions, budget=budget)
+    rounds = [each for each in record["varying"] if len(each[K_P_PARAMETER.paths[0]]) == 64]
     assert len(rounds) == 6
-    points = np.array([[each[K_P_KNOB.paths[0]], each[K_D_KNOB.paths[0]]] for each in rounds])
+    points = np.array([[each[K_P_PARAMETER.paths[0]], each[K_D_PARAMETER.paths[0]]] for each in rounds])
     assert (points[:, 0] >= 0.5 * (1 - 1e-12)).all()
     assert (points[:, 0] <= 12.0 * (1 + 1e-12)).all()
-    np.testing.assert_array_equal([each[K_P_KNOB.paths[1]] for each in rounds], points[:, 0])
+    np.testing.assert_array_equal([each[K_P_PARAMETER.paths[1]] for each in rounds], points[:, 0])
     # The first candidates fill the box evenly.
     first = np.log(points[0] / [[0.5], [0.5]]) / np.log([[12.0 / 0.5], [8.0 / 0.5]])
     assert np.histogram2d(*first, bins=4, range=[[0, 1], [0, 1]])[0].min() == 4
@@ -147,11 +149,11 @@ def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
     tune(
         [laboratory],
-        [K_P_KNOB, K_D_KNOB],
+        [K_P_PARAMETER, K_D_PARAMETER],
         lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]),
         budget=budget,
     )
-    *_, last = (each[K_P_KNOB.paths[0]] for each in record["varying"] if len(each[K_P_KNOB.paths[0]]) == 64)
+    *_, last = (each[K_P_PARAMETER.paths[0]] for each in record["varying"] if len(each[K_P_PARAMETER.paths[0]]) == 64)
     assert np.median(last) == pytest.approx(2.0, rel=0.1)
     assert last.max() < 3.0
 
@@ -159,8 +161,8 @@ def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights)
 def test_each_round_simulates_the_given_number_of_candidates(laboratory, stub_flights):
     """The number need not be a power of two, although the Sobol sequence generates points in powers of two."""
     record = stub_flights(quadratic_error)
-    tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=Budget(2, 12, 1, 1, 1))
-    assert [len(each[K_P_KNOB.paths[0]]) for each in record["varying"][:2]] == [12, 12]
+    tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=Budget(2, 12, 1, 1, 1))
+    assert [len(each[K_P_PARAMETER.paths[0]]) for each in record["varying"][:2]] == [12, 12]
 
 
 def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, monkeypatch):
@@ -173,7 +175,7 @@ def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, 
         return minimize(function, start, **given)
 
     monkeypatch.setattr(tuning.scipy.optimize, "minimize", minimize_and_record)
-    tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=Budget(1, 4, 1, 1, 1))
+    tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=Budget(1, 4, 1, 1, 1))
     assert len(radii) == 3
     assert 0.25 > radii[0] > radii[1] > radii[2] > 0.0
 
@@ -186,14 +188,14 @@ def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, st
         return 0.1 * (1 + sample) * (3.0 if scenario.name == "other" else 1.0)
 
     record = stub_flights(error)
-    result = tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
+    result = tune([laboratory, other], [K_P_PARAMETER], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
     # Each of the two laboratories flies samples 5 to 7.
     assert set(record["samples"]) == {(5, 6, 7) * 8, (5, 6, 7)}
     assert result.error == pytest.approx(np.mean([0.6, 0.7, 0.8]) * 2.0)
     assert {count for _, count in record["fleets"]} == {24, 3}
     stub_flights(error)
     record["samples"].clear()
-    tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 4, 1, 1, 1))
+    tune([laboratory, other], [K_P_PARAMETER], None, budget=Budget(1, 4, 1, 1, 1))
     assert set(record["samples"]) == {(0,) * 4, (0,)}
 
 
@@ -204,11 +206,11 @@ def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flight
         return {0: 1.0, 2: 3.0}.get(sample, np.inf)
 
     stub_flights(lambda numbers, sample, scenario: 0.1 * sample, crash)
-    result = tune([laboratory], [K_P_KNOB], None, budget=Budget(1, 4, 4, 1, 1))
+    result = tune([laboratory], [K_P_PARAMETER], None, budget=Budget(1, 4, 4, 1, 1))
     assert result.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
-def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights):
+def test_only_crashes_count_in_flights_with_late_camera_frames(laboratory, stub_flights):
     """The extra latency of 30 ms is three frames. Flights with this latency crash only in the second laboratory."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
@@ -219,18 +221,18 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights
         return 2.0 if late and scenario.name == "other" else np.inf
 
     stub_flights(lambda *_: 0.2, crash)
-    result = tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
+    result = tune([laboratory, other], [K_P_PARAMETER], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
     assert result.error == pytest.approx(0.2 + 1.5 / 2.0)
-    assert tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
+    assert tune([laboratory, other], [K_P_PARAMETER], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
 
 def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_rounds(laboratory, stub_flights):
-    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P_KNOB.paths[0] in numbers else 1.0)
+    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P_PARAMETER.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
     tune(
         [laboratory],
-        [K_P_KNOB, HEIGHT_KNOB, K_D_KNOB],
+        [K_P_PARAMETER, HEIGHT_PARAMETER, K_D_PARAMETER],
         lambda scenario: scenarios.append(scenario.control.position.k_p) or np.array([9.0]),
         budget=budget,
     )
@@ -238,7 +240,7 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_round
     assert scenarios[0][0] == scenarios[0][1]
     rounds = [set(each) for each in record["varying"] if len(next(iter(each.values()))) == 16]
     # Two thirds of the rounds vary the two lateral gains.
-    assert rounds == [{*K_P_KNOB.paths, *K_D_KNOB.paths}] * 6 + [{*HEIGHT_KNOB.paths}] * 3
+    assert rounds == [{*K_P_PARAMETER.paths, *K_D_PARAMETER.paths}] * 6 + [{*HEIGHT_PARAMETER.paths}] * 3
 
 
 def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, stub_flights):
@@ -253,37 +255,41 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
         return np.array([9.0])
 
     tune(
-        [laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=budget, progress=lambda: num_checked.append(len(checked))
+        [laboratory],
+        [K_P_PARAMETER, K_D_PARAMETER],
+        fractions,
+        budget=budget,
+        progress=lambda: num_checked.append(len(checked)),
     )
     assert num_checked[:3] == [16, 20, 24]
     assert len(num_checked) == 3 + 3
     assert all(1 <= step <= 6 for step in np.diff(num_checked[2:]))
     # The first round checks the candidates with the smallest errors, whether or not they meet the limit.
     first = record["varying"][0]
-    columns = {path: first[path] for path in (K_P_KNOB.paths[0], K_D_KNOB.paths[0])}
+    columns = {path: first[path] for path in (K_P_PARAMETER.paths[0], K_D_PARAMETER.paths[0])}
     errors = quadratic_error(columns)
-    best = np.sort(columns[K_P_KNOB.paths[0]][np.argsort(errors)[:16]])
+    best = np.sort(columns[K_P_PARAMETER.paths[0]][np.argsort(errors)[:16]])
     np.testing.assert_allclose(np.sort([gain for _, gain in checked[:16]]), best)
 
 
-def test_gains_of_an_earlier_search_are_a_candidate(laboratory, stub_flights):
+def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, stub_flights):
     """Previous gains compete although no drawn candidate is near them. Gains out of range are clipped."""
-    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_KNOB.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
-    assert tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=budget).error == 1.0
-    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=budget, before=(6.789, 2.0))
+    assert tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=budget).error == 1.0
+    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=budget, before=(6.789, 2.0))
     assert result.error == pytest.approx(0.1)
     assert result.values == pytest.approx((6.789, 2.0))
-    stub_flights(lambda numbers, *_: 1.0 / numbers[K_P_KNOB.paths[0]])
-    result = tune([laboratory], [K_P_KNOB], None, budget=budget, before=(99.0,))
+    stub_flights(lambda numbers, *_: 1.0 / numbers[K_P_PARAMETER.paths[0]])
+    result = tune([laboratory], [K_P_PARAMETER], None, budget=budget, before=(99.0,))
     assert result.values == pytest.approx((12.0,))
     # A candidate that violates one of the limits is not preferred for its small error.
-    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_KNOB.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
 
     def fractions(scenario):
         return np.array([9.0, 5.0 / scenario.control.position.k_p[0]])
 
-    assert tune([laboratory], [K_P_KNOB], fractions, budget=budget, before=(6.789,)).error == 1.0
+    assert tune([laboratory], [K_P_PARAMETER], fractions, budget=budget, before=(6.789,)).error == 1.0
 
 
 def test_candidates_rank_by_error_within_the_limit_and_by_limit_ratio_beyond_it():
@@ -346,12 +352,12 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
         tuning._EvaluatedPoints, "penalties", lambda known, points, uncertainty: doubts.append(uncertainty) or 0.0
     )
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
-    tune([laboratory], [K_P_KNOB, K_D_KNOB], lambda scenario: np.array([9.0]), budget=budget)
+    tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], lambda scenario: np.array([9.0]), budget=budget)
     np.testing.assert_allclose(doubts[::2], tuning._INITIAL_UNCERTAINTY * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
 
 
-def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
+def test_in_two_dimensions_the_limit_is_predicted_from_four_or_more_points():
     known = tuning._EvaluatedPoints(2)
     candidate = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
@@ -368,5 +374,11 @@ def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
         fractions.append(2.0 / scenario.control.position.k_p[0])
         return np.array([fractions[-1], 9.0])
 
-    tune([laboratory], [K_P_KNOB, K_D_KNOB], limit, budget=SEARCH_BUDGET, progress=lambda: ends.append(fractions[-1]))
+    tune(
+        [laboratory],
+        [K_P_PARAMETER, K_D_PARAMETER],
+        limit,
+        budget=SEARCH_BUDGET,
+        progress=lambda: ends.append(fractions[-1]),
+    )
     np.testing.assert_allclose(ends[-3:], 1.002, rtol=1e-4)

@@ -57,7 +57,7 @@ def test_derivatives_match_differences_of_whole_flights(windy):
 
 
 @pytest.mark.long
-def test_values_that_the_vehicle_does_not_set_follow_nominal():
+def test_fields_that_the_vehicle_does_not_set_change_with_nominal():
     """As with `--set nominal.mass`, the actual value changes too unless the scenario sets the vehicle's value."""
     path = ROOT / "diagrams" / "figure_eight.yaml"
     for overrides in ([], ["vehicle.mass=0.68"]):
@@ -88,7 +88,7 @@ def test_a_crash_before_the_first_tick_of_the_metrics_is_reported():
 
 @pytest.mark.long
 def test_derivatives_include_the_learning_of_a_network(windy):
-    """The flight includes a reset of the covariance after the rise of 2.3 s."""
+    """The network resets its covariance at the end of the route's first leg, at 2.3 s."""
     learning = {
         "kind": "type_2",
         "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": "at_segments"},
@@ -170,7 +170,7 @@ def test_an_empty_list_of_fields_is_refused():
 
 
 @pytest.mark.long
-def test_the_default_sample_is_that_of_the_scenario(windy):
+def test_the_default_sample_is_the_sample_of_the_scenario(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     sensitivities = flight_sensitivities(named, ["vehicle.mass"])
     assert sensitivities.fields == ("vehicle.mass",)
@@ -183,7 +183,7 @@ def test_the_default_sample_is_that_of_the_scenario(windy):
     assert first.metrics["rmse"] == alone.metrics["rmse"] != sensitivities.metrics["rmse"]
 
 
-def test_a_distribution_needs_a_sample():
+def test_sensitivities_of_a_scenario_with_a_distribution_need_a_sample():
     scenario = load_scenario(
         ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"]
     )
@@ -205,6 +205,34 @@ def test_a_field_that_can_neither_increase_nor_decrease_is_refused_with_the_reas
     words = r"^laboratory\.command_link\.period cannot be 0\.01996: must be the shortest period"
     with pytest.raises(InputError, match=words):
         flight_sensitivities(scenario, ["laboratory.command_link.period"])
+
+
+def test_metrics_without_derivatives_and_requirements_do_not_affect_other_derivatives():
+    """A requirement after the end of the flight has no robustness."""
+    near = {"signal": "position_error", "below": 0.1}
+    plain = {"duration": 0.2, "initial.position": [0.02, 0.0, 0.0]}
+    extended = {
+        "metrics.additional": {
+            "mean_tilt": {"kind": "mean", "of": "tilt"},
+            "last_fall": {"kind": "last", "of": "state.v_z"},
+            "settling_time": {"radius": 1e-3},
+            "overshoot": {},
+            "command_jerk": {},
+        },
+        "requirements": {
+            "near": {"always": near},
+            "late": {"eventually": near, "after": 5.0},
+            "until": {"always": near, "until": near},
+        },
+    }
+    scenario = load_scenario("hover", plain | extended | {"vehicle.mass": 0.7})
+    found = flight_sensitivities(scenario, ["vehicle.mass"])
+    expected = flight_sensitivities(load_scenario("hover", plain | {"vehicle.mass": 0.7}), ["vehicle.mass"])
+    assert found.gradients["rmse"] == expected.gradients["rmse"]
+    assert found.metrics["last_fall"] < 0.0
+    assert found.gradients["last_fall"] < 0.0
+    assert np.isfinite(found.gradients["mean_tilt"]).all()
+    assert not {"settling_time", "near", "late", "until"} & {*found.gradients}
 
 
 @pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])

@@ -62,7 +62,7 @@ def test_a_position_loop_without_k_p_is_not_stable(scenario):
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
-    """The poles at a point of the map are multipliers of the whole diagram with the gains at this point."""
+    """The poles at a point of the map are also poles of the whole diagram with the gains at this point."""
     overrides = [
         "nominal.inertia=[0.0065, 0.0085, 0.0126]",
         "vehicle.mass=0.75",
@@ -80,11 +80,11 @@ def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
     gains = {f"control.{loop}.k_p.{i}": 1.1 * block.k_p[i], f"control.{loop}.k_d.{i}": 0.95 * block.k_d[i]}
     poles = mapped_plant(scenario, loop).with_feedback(np.array([[*gains.values()]])).poles()
     changed = map_leaves(scenario, lambda path, value: gains.get(path, value))
-    multipliers = closed_loop(changed).system.poles()
+    diagram_poles = closed_loop(changed).system.poles()
     slow_poles = poles[np.abs(poles) > 0.1]
     assert len(slow_poles) >= 5
     for pole in slow_poles:
-        assert np.abs(multipliers - pole).min() < 1e-6
+        assert np.abs(diagram_poles - pole).min() < 1e-6
 
 
 @pytest.mark.long
@@ -126,7 +126,7 @@ def test_poles_of_delay_lines_do_not_count_for_the_damping():
 
 
 @pytest.mark.long
-def test_a_map_of_a_scenario_with_a_sample_uses_the_sample_s_parameters(scenario):
+def test_a_map_of_a_scenario_with_a_sample_uses_the_parameters_of_the_sample(scenario):
     drawn = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )

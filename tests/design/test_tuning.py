@@ -19,8 +19,9 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.studies.comparison import fly_samples
 
-K_P_KNOB = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D_KNOB = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+# Fields that are tuned together, and the smallest and the largest value that is tried.
+K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
 def stiffness_limit(max_k_p):
@@ -36,9 +37,9 @@ def laboratory(diagrams):
 @pytest.mark.long
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
-    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(2.0), budget=budget)
+    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(2.0), budget=budget)
     assert result.min_margin_ratio >= 1.0
-    metrics = fly_samples(with_parameter_values(laboratory, [K_P_KNOB, K_D_KNOB], result.values), range(2))
+    metrics = fly_samples(with_parameter_values(laboratory, [K_P_PARAMETER, K_D_PARAMETER], result.values), range(2))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     grid = itertools.product((1.0, 2.0), (1.5, 3.0))
     gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
@@ -52,7 +53,7 @@ def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
 def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laboratory):
     result = tune(
         [laboratory],
-        [K_P_KNOB],
+        [K_P_PARAMETER],
         stiffness_limit(0.25),
         budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
     )
@@ -61,7 +62,7 @@ def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laborator
 
 
 @pytest.mark.slow
-def test_the_smallest_limit_fraction_is_that_of_the_worst_loop(laboratory, diagrams):
+def test_the_smallest_margin_ratio_is_that_of_the_worst_loop(laboratory, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     margins_by_signal = link_margins(scenario)
     peak = max(margins.sensitivity for margins in margins_by_signal.values())
@@ -74,32 +75,34 @@ def test_the_smallest_limit_fraction_is_that_of_the_worst_loop(laboratory, diagr
 
 def test_limits_apply_to_the_medians_of_distributions():
     scenario = load_scenario("robustness", layers=["controllers/designed/robustness:pid"])
-    fractions = LoopLimit().margin_ratios(scenario)
-    assert fractions == pytest.approx(LoopLimit().margin_ratios(median_scenario(scenario)))
-    assert fractions.min() == pytest.approx(1.0, abs=0.01)  # the design meets the limits exactly
+    ratios = LoopLimit().margin_ratios(scenario)
+    assert ratios == pytest.approx(LoopLimit().margin_ratios(median_scenario(scenario)))
+    assert ratios.min() == pytest.approx(1.0, abs=0.01)  # the design meets the limits exactly
 
 
 @pytest.mark.long
 def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
-    alone = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=budget)
-    thorough = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
-    again = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=budget, before=thorough.values)
+    alone = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(12.0), budget=budget)
+    thorough = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
+    again = tune(
+        [laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(12.0), budget=budget, before=thorough.values
+    )
     assert again.error <= thorough.error + 1e-9 < alone.error
 
 
 @pytest.mark.long
-def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_error_wins(laboratory):
+def test_without_a_limit_the_vertical_axis_is_tuned_separately_to_the_least_error(laboratory):
     height = TuningParameter(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
-    result = tune([laboratory, laboratory], [height, K_P_KNOB], None, budget=budget)
+    result = tune([laboratory, laboratory], [height, K_P_PARAMETER], None, budget=budget)
     assert height.vertical
-    assert not K_P_KNOB.vertical
+    assert not K_P_PARAMETER.vertical
     assert result.min_margin_ratio == np.inf
-    metrics = fly_samples(with_parameter_values(laboratory, [height, K_P_KNOB], result.values), range(1))
+    metrics = fly_samples(with_parameter_values(laboratory, [height, K_P_PARAMETER], result.values), range(1))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     for number in ((0.6, result.values[1]), (result.values[0], 0.6)):
-        other = fly_samples(with_parameter_values(laboratory, [height, K_P_KNOB], number), range(1))
+        other = fly_samples(with_parameter_values(laboratory, [height, K_P_PARAMETER], number), range(1))
         assert result.error < float(other.rmse.mean())
 
 

@@ -7,6 +7,7 @@ from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits, la
 from drake_quad.laboratory.metrics import Metrics
 
 NUM_FLIGHTS = 40
+# Random deviations of the errors: those that all controllers share, and those of each controller.
 NOISE = np.random.default_rng(3).normal(size=(2, NUM_FLIGHTS))
 
 

@@ -29,7 +29,7 @@ def designs(diagrams):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, designs):
+def test_a_shipped_design_differs_from_its_controller_entry_only_in_tuned_parameters(name, designs):
     family = FAMILIES[name]
     entries = controller_entries(on_board=family.on_board, maps=family.maps)
     # The file of the laboratory also contains a design with a smaller margin.
@@ -53,7 +53,7 @@ def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, 
                 assert entries[key].tree([numbers_in(design, parameter.paths)[0] for parameter in parameters]) == design
 
 
-def test_entries_have_consistent_attributes():
+def test_controller_entries_have_consistent_attributes():
     entries = controller_entries(on_board=False, maps=True)
     assert [name for name, each in entries.items() if each.uncompiled] == ["mpc"]
     in_laps = [name for name, each in entries.items() if each.trained_in_laps]

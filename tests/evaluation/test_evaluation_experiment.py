@@ -1,4 +1,4 @@
-"""Selection of the flights of the evaluation. Flights are replaced by a record of the requests."""
+"""Selection of the flights of the evaluation. Flights are replaced by functions that record their arguments."""
 
 import math
 from types import SimpleNamespace
@@ -77,14 +77,14 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
 
 
 @pytest.mark.long
-def test_controllers_are_certified_by_the_command_s_function_or_have_a_reason(diagrams):
+def test_certificates_equal_those_of_certify_hover_or_have_a_reason_why_they_are_missing(diagrams):
     lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
     late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])
     found, expected = experiment.certified_scales(late), certify_hover(late)
     assert found == (expected.stable_scale, expected.unstable.scale, "")
     learning = load_scenario("hover", [lag], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     for scenario, compiled, reason in (
-        (learning, True, "has poles at 1 in hover, as the weights of a network that learns"),
+        (learning, True, "has poles at 1 in hover, for example those of a learning network's weights"),
         (load_scenario("hover"), True, "there is nothing to certify"),
         (late, False, "cannot be compiled"),
     ):
@@ -109,7 +109,7 @@ def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams
     assert SIZES.overrides == ()
 
 
-def test_position_networks_and_their_bases_fly_all_numbers_of_laps(replaced_flights, diagrams):
+def test_networks_with_position_input_and_their_base_controllers_fly_all_numbers_of_laps(replaced_flights, diagrams):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
     found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
@@ -121,7 +121,7 @@ def test_position_networks_and_their_bases_fly_all_numbers_of_laps(replaced_flig
     assert overrides_for_laps(3) == ("route.laps=3", "metrics.first_lap=3")
 
 
-def test_designs_with_other_limits_fly_in_high_wind(replaced_flights, diagrams):
+def test_designs_with_other_sensitivity_limits_fly_in_high_wind(replaced_flights, diagrams):
     found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
     names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
     assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
@@ -221,7 +221,7 @@ def write_all_designs_but(folder, family, names):
 
 
 def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
-    """Laps and designs with other limits are flown if the family has the laboratory for them."""
+    """Several laps, and designs with other limits, are flown only in the family with the laboratory for them."""
     traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
     def of_family(folder, name, family, entry, sizes):

@@ -148,7 +148,7 @@ def test_the_networks_figure_has_a_row_per_network():
     assert 100.0 * worst > low > 150.0 * worst
 
 
-def test_small_changes_by_networks_are_shown_within_six_per_cent():
+def test_the_axis_of_small_error_reductions_ends_at_about_six_per_cent():
     found = evaluation(network=0.999, other=0.999)
     low, high = networks_figure(found).axes[0].get_xlim()
     assert -8.0 < low < -6.0
@@ -190,7 +190,7 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
     assert written == ["3", "5", "10", "20"]
 
 
-def test_the_margins_figure_shows_all_designs_beyond_its_usual_limits():
+def test_the_axes_of_the_margins_figure_are_extended_for_designs_beyond_the_usual_limits():
     found = evaluation()
     told = found.traits["laboratory"]
     told["pd"] = told["pd"]._replace(sensitivity=1.2, delay_flown=0.25)

@@ -72,7 +72,7 @@ def test_an_invalid_design_file_is_refused(tmp_path):
         tunable_entries(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
 
 
-def test_a_network_requires_a_design_of_its_base(tmp_path):
+def test_a_network_requires_a_design_of_its_base_controller(tmp_path):
     path = write_designs(tmp_path / "designs.yaml", {"indi": {"control": {}}}, comments={})
     assert list(tunable_entries(FAMILIES["outdoor"], path, ["indi_t2fnn", "lqg_t2fnn"])) == ["indi_t2fnn"]
 
@@ -127,7 +127,7 @@ def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
 
 
 @pytest.mark.long
-def test_laps_are_flown_with_and_without_a_position_network(diagrams, tmp_path):
+def test_laps_are_flown_with_and_without_a_network_with_position_input(diagrams, tmp_path):
     family = FAMILIES["laboratory"]
     entries = controller_entries(on_board=False, maps=True)
     (tmp_path / "controllers" / "designed").mkdir(parents=True)

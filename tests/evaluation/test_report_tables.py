@@ -52,7 +52,7 @@ def found():
 
 
 def test_the_committed_report_has_the_default_sizes(root):
-    """Its claims are in the order of `all_claims`."""
+    """The claims in the report are in the order of `all_claims`."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
     whole = EvaluationSizes()
     assert text.startswith("#")
@@ -92,7 +92,7 @@ def test_tolerated_delays_are_written_as_text():
     assert [delay_text(delay) for delay in delays] == ["–", "none", "0 ms", "62 ms", "all tried"]
 
 
-def test_a_controller_with_fewer_samples_is_compared_on_the_first_ones():
+def test_a_controller_with_fewer_samples_is_compared_only_on_its_samples():
     many, few = flights(0.3), flights(0.2, own=1).take(slice(10))
     for one, other in ((many, few), (few, many)):
         assert compare_common_samples(one, other) == compare_common_samples(
@@ -140,7 +140,7 @@ def test_a_comparison_needs_both_controllers():
     assert "no wind" not in comparisons_by_laboratory(found, "pd_t1fnn", "pd")
     assert comparisons_by_laboratory(found, "l1", "pd") == {}
     statements = [each.statement for each in all_claims(found)]
-    assert not any("L1" in each or "over the position has a smaller error" in each for each in statements)
+    assert not any("L1" in each or "with the position as input has a smaller error" in each for each in statements)
     assert lap_counts(found, "pd_t2fnn_map") == [1, 2, 3]
     del found.flights[laboratory_with_laps(2)]["pd_t2fnn_map"]
     assert lap_counts(found, "pd_t2fnn_map") == [1]
@@ -155,7 +155,7 @@ def test_designs_are_ordered_by_their_peak_sensitivity():
     assert errors == [found.flights["high wind"][name].rmse.mean() for name in ("indi@1.6", "indi", "indi@3")]
 
 
-def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
+def test_a_table_row_of_the_report_has_errors_crashes_effort_margins_and_times(found):
     text = report_markdown(found, all_claims(found), [])
     rows, outdoor = rows_of(text), found.flights["outdoor"]
     # The metrics of invented flights are 0.25, 1.25, …: the peak error is 3.25 m, and efforts are 4.25, 5.25 and 6.25.
@@ -177,7 +177,7 @@ def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     assert "### robustness\n\nNo controller was flown here." in text
 
 
-def test_certified_scales_are_a_column_where_a_controller_has_one(tmp_path):
+def test_the_report_has_a_column_of_certified_scales_if_a_controller_is_certified(tmp_path):
     found = evaluation()
     found.traits["outdoor"] = {
         "pd": Traits(2.2, 0.06, 0.09, 8e-5, 1e-6, 1.184, 1.25),
@@ -242,7 +242,7 @@ def test_the_report_describes_the_protocol_with_its_values(found):
         assert [each.label, each.plant_knowledge, tuned] in rows
 
 
-def test_rules_list_the_values_of_their_claims(found):
+def test_the_report_lists_each_rule_with_the_numbers_of_its_claims(found):
     claims = all_claims(found)
     text = report_markdown(found, claims, [])
     for each in claims:
@@ -253,7 +253,7 @@ def test_rules_list_the_values_of_their_claims(found):
         assert f"- {rule}: {', '.join(own)}\n" in text
 
 
-def test_entries_without_a_design_are_listed(found):
+def test_controller_entries_without_a_design_are_listed(found):
     text = report_markdown(found, all_claims(found), [])
     (line,) = (line for line in text.split("\n") if line.startswith("- outdoor: ") and " cm " not in line)
     known = controller_entries(on_board=False, maps=False)

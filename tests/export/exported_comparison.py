@@ -15,7 +15,7 @@ SCALES = {"measurement": 0.5, "state": 0.5, "reference": 0.5, "reference_jerk": 
 
 
 def commands(scenario, folder, *, precision="double", machine="host", num_steps=40, seed=0):
-    """Return the (ticks, rows) commands of a controller, and those of its exported code, on random inputs."""
+    """Return the (ticks, components) commands of a controller, and those of its exported code, for random inputs."""
     export_controller(scenario, folder, precision=precision)
     description = read_description(folder)
     batch, plan = Batch.draw(scenario, [0]), plan_route(scenario)

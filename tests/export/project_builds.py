@@ -17,7 +17,7 @@ from drake_quad.exported.machines import HostMachine
 
 STUBS = Path(__file__).parent / "stubs"
 WARNINGS = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC")
-# Microcontrollers without a unit for double precision need this warning.
+# This warning reports computations in double precision, which are slow on many microcontrollers.
 SINGLE_ONLY = ("-Wdouble-promotion",)
 # Inline variables of the declarations must not be shared by the libraries of several tests.
 CPP = ("c++", "-std=c++17", "-fno-gnu-unique")
@@ -26,7 +26,7 @@ needs_compilers = pytest.mark.skipif(not (shutil.which("cc") and shutil.which("c
 
 
 def forwarding_headers(sources, stub, folder):
-    """Write a header for each header of a platform that the sources include; it includes the declarations instead."""
+    """Replace each platform header that the sources include by a header that includes the file of declarations."""
     for source in sources:
         for name in re.findall(r'^#include [<"]([^>"]+)[>"]', source.read_text(), re.MULTILINE):
             local = (source.parent / name).exists()
@@ -99,7 +99,7 @@ class Platform(LeafSystem):
         period: period of the controller, s.
         encode: function that returns the inputs of `step`, given the measured state, the reference and its jerk.
         decode: function that returns the command of the controller, given that of `step`.
-        output: name and number of rows of the command.
+        output: name and number of components of the command.
     """
 
     def __init__(self, library, period, encode, decode, output=("wrench", 4)):
@@ -128,7 +128,7 @@ def assert_flies_as_exported(scenario, folder, system, *, unavailable=()):
         scenario: scenario from which the code was exported.
         folder: folder with the exported code.
         system: project in the loop.
-        unavailable: rows of the command that the platform cannot send, which are zero.
+        unavailable: components of the command that the platform cannot send, which are zero.
     """
 
     class Controller(exported_controller(folder)):
@@ -163,7 +163,7 @@ def assert_commands_as_exported(folder, library, encode, decode, *, unavailable=
         library: library of the project.
         encode: see `Platform`.
         decode: see `Platform`.
-        unavailable: rows of the command that the platform cannot send, which are zero.
+        unavailable: components of the command that the platform cannot send, which are zero.
     """
     description, machine = read_description(folder), HostMachine(folder)
     state = HostMachine.initial_state(folder, description)

@@ -1,6 +1,7 @@
 """Tests that exported C code computes what the exported controller computes in simulation."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -37,7 +38,7 @@ def asymmetric(name):
 @needs_compiler
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn", "lqg", "lqg_on_board"])
-def test_double_precision_has_the_bits_of_the_simulation(name, tmp_path):
+def test_double_precision_equals_the_simulation_bit_for_bit(name, tmp_path):
     expected, found = commands(asymmetric(name), tmp_path)
     assert (bits(found) == bits(expected)).all()
     assert np.ptp(found, axis=0).any()
@@ -45,7 +46,7 @@ def test_double_precision_has_the_bits_of_the_simulation(name, tmp_path):
 
 @needs_compiler
 @pytest.mark.slow
-def test_random_controllers_have_the_bits_of_the_simulation(tmp_path):
+def test_random_controllers_equal_the_simulation_bit_for_bit(tmp_path):
     rng, hover = np.random.default_rng(71), load_scenario("hover").route
     for number, structure in enumerate(structures(rng, CASES)):
         scenario = draw_sample(scenario_of(structure, rng, tmp_path, duration=1.0), 0)
@@ -57,7 +58,7 @@ def test_random_controllers_have_the_bits_of_the_simulation(tmp_path):
 
 @needs_compiler
 @pytest.mark.long
-def test_a_trained_policy_has_the_bits_of_the_simulation(tmp_path):
+def test_a_trained_policy_equals_the_simulation_bit_for_bit(tmp_path):
     scenario = load_scenario("hover", layers=["controllers/raptor:raptor"])
     expected, found = commands(scenario, tmp_path, num_steps=10)
     assert (bits(found) == bits(expected)).all()
@@ -67,7 +68,7 @@ def test_a_trained_policy_has_the_bits_of_the_simulation(tmp_path):
 
 @needs_compiler
 @pytest.mark.long
-def test_single_precision_differs_by_its_rounding(tmp_path):
+def test_single_precision_differs_only_by_rounding_errors(tmp_path):
     expected, found = commands(asymmetric("lqg"), tmp_path, precision="single")
     largest = np.abs(expected).max(axis=0)
     assert (np.abs(found - expected) < 1e-5 * largest).all()
@@ -78,7 +79,7 @@ def test_single_precision_differs_by_its_rounding(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
-def test_compilers_and_their_options_do_not_change_a_bit(compiler, level, tmp_path):
+def test_commands_do_not_depend_on_the_compiler_and_its_options(compiler, level, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler}")
     export_controller(asymmetric("pd_t2fnn"), tmp_path)
@@ -109,7 +110,7 @@ def test_a_flight_of_the_code_is_the_flight_of_the_controller(tmp_path):
 @needs_board
 @pytest.mark.long
 @pytest.mark.parametrize("core", CORES)
-def test_an_emulated_microcontroller_has_the_bits_of_the_simulation(core, tmp_path):
+def test_an_emulated_microcontroller_equals_the_simulation_bit_for_bit(core, tmp_path):
     expected, found = commands(asymmetric("lqg"), tmp_path, machine=f"qemu-{core}", num_steps=8)
     assert (bits(found) == bits(expected)).all()
 
@@ -119,6 +120,25 @@ def test_an_emulated_microcontroller_has_the_bits_of_the_simulation(core, tmp_pa
 def test_lqg_in_single_precision_takes_less_than_40_kilobytes(tmp_path):
     export_controller(asymmetric("lqg"), tmp_path, precision="single")
     assert 2_000 < code_size(tmp_path, "cortex-m4f") < 40_000
+
+
+@needs_compiler
+@needs_board
+@pytest.mark.long
+def test_a_network_of_two_layers_of_64_neurons_takes_less_than_100_kilobytes(tmp_path):
+    rng, shapes = np.random.default_rng(8), [(64, 18), (64, 64), (4, 64)]
+    arrays = {f"weights_{k}": rng.normal(scale=0.1, size=shape) for k, shape in enumerate(shapes)}
+    arrays |= {f"biases_{k}": rng.normal(scale=0.1, size=rows) for k, (rows, _) in enumerate(shapes)}
+    np.savez(tmp_path / "network.npz", **arrays, activation_0="tanh", activation_1="relu", activation_2="tanh")
+    signals = ["position_error", "velocity_error", "rotation", "body_rates"]
+    control = {"kind": "policy", "policy": str(tmp_path / "network.npz"), "action": {"kind": "rotor_speeds"}}
+    scenario = load_scenario("hover", {"control": control | {"observation": {"signals": signals}}})
+    expected, found = commands(scenario, tmp_path, num_steps=5)
+    assert (bits(found) == bits(expected)).all()
+    assert np.ptp(found, axis=0).all()
+    export_controller(scenario, tmp_path, precision="single")
+    num_weights = sum(rows * columns + rows for rows, columns in shapes)
+    assert 4 * num_weights < code_size(tmp_path, "cortex-m4f") < 100_000
 
 
 @needs_compiler
@@ -163,7 +183,7 @@ def test_the_opening_comment_names_scenario_version_and_licence(tmp_path):
         assert "BSD 3-Clause" in opening
 
 
-def test_a_controller_that_is_no_formula_is_refused_with_the_reason(tmp_path):
+def test_a_controller_without_formulas_is_refused_with_the_reason(tmp_path):
     scenario = load_scenario("laboratory:nominal", layers=["controllers/mpc:mpc"])
     with pytest.raises(InputError, match=r"^programme \(.*\) cannot be exported: it declares ports"):
         export_controller(scenario, tmp_path / "new")
@@ -186,12 +206,26 @@ def test_a_random_gain_is_refused(tmp_path):
         ({"name": "double"}, "name is 'double'; it must be an identifier of C"),
     ],
 )
-def test_wrong_options_are_refused(options, message, tmp_path):
+def test_invalid_options_are_refused(options, message, tmp_path):
     with pytest.raises(InputError, match=message):
         export_controller(load_scenario("hover"), tmp_path, **options)
 
 
-def test_an_attitude_controller_has_no_mixer(tmp_path):
+@pytest.mark.parametrize("file", ["controller.h", "controller.c"])
+def test_exported_code_replaces_only_exported_code(file, tmp_path):
+    scenario = load_scenario("hover")
+    exported = tmp_path / file
+    exported.write_text("/* exported code goes here */\nint mine;\n")
+    with pytest.raises(InputError, match=rf"{re.escape(str(exported))} was not exported by drake_quad"):
+        export_controller(scenario, tmp_path)
+    assert [*tmp_path.iterdir()] == [exported]
+    exported.unlink()
+    for seed in (6, 7):
+        changed = scenario.model_copy(update={"seed": seed})
+        assert export_controller(changed, tmp_path).description.scenario_sha256 in exported.read_text()
+
+
+def test_a_controller_that_commands_an_attitude_has_no_mixer(tmp_path):
     with pytest.raises(InputError, match="commands an attitude"):
         export_controller(load_scenario("onboard"), tmp_path, mixer=True)
 

@@ -33,15 +33,15 @@ from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.vehicle.px4_units import torque_units
 
 SHORT = ["duration=1", "metrics={start: 0, end: null}"]
-# None of the platforms has a snap of the reference.
+# No platform provides the snap of the reference.
 WRENCH = ["figure_eight", [*SHORT, "control.position.feed_forward=jerk"]]
 WITHOUT_JERK = ["figure_eight", [*SHORT, "control.position.feed_forward=acceleration"]]
 LQG = ["laboratory:nominal", SHORT, "controllers/lqg:lqg"]  # a controller with a state
 ATTITUDE = ["onboard", SHORT]
 ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
 DISABLED, ABSOLUTE, VELOCITY = 0, 1, 2  # modes of the Crazyflie's setpoint
-HALF_TURN = np.array([1.0, -1.0, -1.0])  # from north, west, up to north, east, down, and back
-HOVER_THRUST = 0.375
+HALF_TURN = np.array([1.0, -1.0, -1.0])  # signs that convert north-west-up to north-east-down, and back
+HOVER_THRUST = 0.375  # thrust command of PX4 in hover, relative to the largest command
 
 
 def exported(folder, project, scenario, precision="single", **options):
@@ -237,7 +237,7 @@ def test_the_px4_project_requests_no_offboard_mode_without_valid_estimates(tmp_p
 
 @needs_compilers
 @pytest.mark.slow
-def test_the_px4_project_holds_its_place_where_no_setpoint_is_given(tmp_path):
+def test_the_px4_project_holds_its_position_if_the_setpoint_is_nan(tmp_path):
     _, project = exported(tmp_path, "px4", WRENCH)
     library = px4_library(project)
     px4_start(library, 0.02)
@@ -257,7 +257,7 @@ def test_the_px4_project_ignores_setpoints_that_are_old_or_from_before_offboard_
     measured = [np.array([x, 2.0, 3.0, *[0.0] * 9]) for x in (1.0, 1.5)]
     at_rest = [px4_inputs(each, np.array([*each[:3], *[0.0] * 8]), np.zeros(3)) for each in measured]
     elsewhere = [px4_inputs(each, rest, np.zeros(3)) for each in measured]
-    library.set_setpoint_age(ctypes.c_uint64(10_000))  # from before the engagement
+    library.set_setpoint_age(ctypes.c_uint64(10_000))  # the setpoint is older than offboard mode
     held = call(library, 1.0, elsewhere[0])
     library.set_setpoint_age(ctypes.c_uint64(0))
     np.testing.assert_allclose(call(library, 1.02, at_rest[0]), held, rtol=1e-6)
@@ -283,7 +283,7 @@ def test_the_px4_project_commands_nothing_if_an_estimate_is_not_a_number(row, px
 
 @needs_compilers
 @pytest.mark.slow
-def test_the_px4_project_flies_the_exported_route_from_its_place(tmp_path):
+def test_the_px4_project_flies_the_exported_route_from_its_current_position(tmp_path):
     scenario, project = exported(tmp_path, "px4", WRENCH, reference=True)
     library = px4_library(project)
     px4_start(library, 0.02)
@@ -357,7 +357,7 @@ def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
 
 @needs_compilers
 @pytest.mark.long
-def test_the_ros2_project_holds_its_first_place_until_a_reference_arrives(tmp_path):
+def test_the_ros2_project_holds_its_first_position_until_a_reference_arrives(tmp_path):
     _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
     library = ros2_library(project)
     first, later = (np.array([*place, 0.2, 0.1, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0]) for place in np.eye(3)[:2])
@@ -372,7 +372,7 @@ def test_the_ros2_project_holds_its_first_place_until_a_reference_arrives(tmp_pa
 
 @needs_compilers
 @pytest.mark.slow
-def test_the_python_project_flies_with_the_bits_of_the_exported_code(tmp_path):
+def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
     scenario, project = exported(tmp_path, "python", ["figure_eight", SHORT], "double")
     subprocess.run(["make", "--silent"], cwd=project, check=True)
     mine = module_of(project / "mine.py")
@@ -505,11 +505,11 @@ def test_no_file_of_a_project_contains_a_placeholder_or_a_constant_condition(hov
     for project in PROJECTS:
         for path, text in project_files(project, hover_code).items():
             assert not re.search("@[A-Z_0-9]+@|#if !?[01]", path + text), (project, path)
-            # Each condition of the compiler has its end.
+            # Each #if of the C preprocessor has its #endif.
             assert len(re.findall("^#if", text, re.MULTILINE)) == len(re.findall("^#endif", text, re.MULTILINE))
 
 
-def test_a_project_contains_only_the_lines_for_its_code(hover_code):
+def test_a_project_contains_only_the_template_lines_that_apply_to_its_code(hover_code):
     module = "src/modules/mine/mine_module.cpp"
     follows = project_files("px4", hover_code)[module]
     plays = project_files("px4", hover_code._replace(has_reference=True))[module]

@@ -20,7 +20,7 @@ from drake_quad.signals import Acceleration
 
 
 def holds(*periods):
-    """Return a diagram of holds in series, whose output is the sum of all held values, the second one negated."""
+    """Return a diagram of zero-order holds in series, whose output is the sum of their outputs, the second negated."""
     builder = DiagramBuilder()
     systems = [builder.AddNamedSystem(f"hold_{i}", ZeroOrderHold(period, 2)) for i, period in enumerate(periods)]
     builder.ExportInput(systems[0].get_input_port(), "command")
@@ -65,7 +65,7 @@ def test_periods_that_are_no_multiples_of_each_other_are_refused():
         diagram_code(holds(0.01, 0.025), name="holds", outputs=["total"], output_period=0.02, precision=DOUBLE)
 
 
-def test_a_system_with_own_callbacks_is_refused():
+def test_a_system_with_callbacks_instead_of_formulas_is_refused():
     builder = DiagramBuilder()
     mine = LeafSystem()
     builder.AddNamedSystem("mine", mine)

@@ -30,8 +30,9 @@ def simulation_of(scenario, samples, compiled, factors=None):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_reset_fleet_has_the_flights_of_a_new_fleet(scenario, compiled):
-    """Other code computes the initial wind after a reset of a compiled diagram, so its last bit may differ."""
+def test_a_reset_fleet_flies_like_a_new_fleet(scenario, compiled):
+    """After a reset of a compiled diagram, other code computes the initial wind, so results may differ in the last
+    bit."""
     first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):

@@ -75,11 +75,11 @@ ESTIMATORS = [
         *((overrides, None) for overrides in ESTIMATORS),
     ],
 )
-def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, overrides, controller):
+def test_the_second_batch_of_a_fleet_flies_like_a_new_fleet(scenario, overrides, controller):
     """The scenarios contain every kind of system, and vary every parameter that may differ between samples.
 
-    Uncompiled results are equal to the last bit. Other code computes the first frame and the initial wind after a reset
-    of a compiled diagram, and rounds the last bit of some samples differently.
+    Results of uncompiled diagrams are equal to the last bit. After a reset of a compiled diagram, other code computes
+    the first camera frame and the initial wind, and rounds some values differently.
     """
     study = scenario(*overrides, controller=controller)
     wired, compiled = (
@@ -99,7 +99,7 @@ def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, ov
 
 
 @pytest.mark.long
-def test_vehicles_with_overridden_parameters_have_the_flights_of_a_new_fleet(scenario):
+def test_vehicles_with_overridden_parameters_fly_like_a_new_fleet(scenario):
     """The overridden parameters are gains, an element of a list, and an integer number of ticks."""
     study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
     varying = {
@@ -113,11 +113,11 @@ def test_vehicles_with_overridden_parameters_have_the_flights_of_a_new_fleet(sce
     metrics = fleet.fly_batch(varied)
     for actual, expected in zip(metrics, new_fleet_metrics(study, varied), strict=True):
         np.testing.assert_array_equal(actual, expected)
-    # Each vehicle has the flight of a single vehicle with its parameters.
+    # Each vehicle flies like a single vehicle with the same parameters.
     for i in range(3):
         single = simulate(varied.vehicle_scenario(i), compiled=False).metrics
         np.testing.assert_allclose([float(value[i]) for value in metrics], single, rtol=1e-9)
-    # The next batch is not affected.
+    # The overridden parameters do not affect the next batch.
     for actual, expected in zip(fleet.fly_batch(drawn), new_fleet_metrics(study, drawn), strict=True):
         np.testing.assert_array_equal(actual, expected)
 

@@ -193,7 +193,7 @@ def test_a_metric_of_a_signal_can_be_negative_only_if_signal_and_reduction_can_b
     assert range_of("mine", mine={"kind": rule, "of": signal}) == value_range
 
 
-def test_the_mean_of_a_fraction_is_a_fraction_and_its_integral_is_not():
+def test_the_mean_of_a_fraction_is_a_fraction_but_the_integral_of_a_fraction_is_not():
     @derived_signal("1", value_range="fraction")
     def darkness(time):
         return time * 0.0
@@ -267,19 +267,22 @@ def test_a_registered_metric_can_be_pickled_with_its_scenario():
     [
         ({"rmse": {"kind": "max", "of": "tilt"}}, "must have another name, since a study has another column"),
         ({"Tilt": {"kind": "max", "of": "tilt"}}, "must have a name of small letters"),
-        ({"tilt": {"kind": "max", "of": "tild"}}, "must be a scalar signal: 'tild' is neither a row of a signal"),
-        ({"tilt": {"kind": "max", "of": "state.tilt"}}, r"is not a row of the signal state; its rows are state\.x"),
-        ({"tilt": {"kind": "max", "of": "weights.1"}}, "its rows are none that have names"),
+        ({"tilt": {"kind": "max", "of": "tild"}}, "must be a scalar signal: 'tild' is neither a component of a signal"),
+        (
+            {"tilt": {"kind": "max", "of": "state.tilt"}},
+            r"is not a component of the signal state; its components are state\.x",
+        ),
+        ({"tilt": {"kind": "max", "of": "weights.1"}}, "its components are none that have names"),
         ({"unknown": {}}, "unknown"),
         ({"tube": {"kind": "time_in_tube", "radius": -1.0}}, "radius"),
     ],
 )
-def test_wrong_additional_metrics_are_refused(metrics, message):
+def test_invalid_additional_metrics_are_refused(metrics, message):
     with pytest.raises(InputError, match=message):
         load_scenario("hover", [additional(**metrics)])
 
 
-def test_wrong_definitions_of_metrics_are_refused():
+def test_invalid_definitions_of_metrics_are_refused():
     with pytest.raises(TypeError, match="needs either over_time, or initial and value"):
         metric("m")
     with pytest.raises(TypeError, match="over_time is 'mode', but must be one of"):
@@ -342,7 +345,7 @@ def test_requirements_concern_the_whole_flight_and_not_the_metric_window(compile
         assert getattr(flight.metrics, name) == pytest.approx(value, abs=1e-8), name
 
 
-def test_a_crash_satisfies_no_requirement():
+def test_a_flight_that_crashes_satisfies_no_requirement():
     requirement = {"near": {"always": {"signal": "position_error", "below": 0.3}}}
     crash = {"position_error": 0.1}
     scenario = load_scenario("laboratory:high_wind", [{"requirements": requirement, "crash": crash}])
@@ -361,15 +364,15 @@ def test_a_crash_satisfies_no_requirement():
 @pytest.mark.parametrize(
     ("requirement", "message"),
     [
-        ({}, "must have either always or eventually"),
-        ({"always": {"signal": "tilt"}}, "must have a bound, above or below, if and only if it has a signal"),
-        ({"always": {"below": 1.0}}, "must have exactly one of signal, all and any"),
-        ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than above, 1"),
+        ({}, "must have either `always` or `eventually`"),
+        ({"always": {"signal": "tilt"}}, r"must have a bound \(`above` or `below`\) if it has a `signal`"),
+        ({"always": {"below": 1.0}}, "must have exactly one of the fields `signal`, `all` and `any`"),
+        ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than `above`, 1"),
         (
             {"eventually": {"signal": "tilt", "below": 1.0}, "until": {"signal": "tilt", "below": 1.0}},
-            "always if it has until",
+            "must have `always` if it has `until`",
         ),
-        ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than after, 3"),
+        ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than `after`, 3"),
         (
             {"always": {"all": [{"signal": "tilt", "below": 1.0}, {"signal": "speed", "below": 1.0}]}},
             "must not combine signals in m/s and rad",
@@ -377,12 +380,12 @@ def test_a_crash_satisfies_no_requirement():
         ({"always": {"signal": "tilts", "below": 1.0}}, "must be a scalar signal"),
     ],
 )
-def test_wrong_requirements_are_refused(requirement, message):
+def test_invalid_requirements_are_refused(requirement, message):
     with pytest.raises(InputError, match=message):
         load_scenario("hover", [{"requirements": {"level": requirement}}])
 
 
-def test_an_unknown_metric_is_named_with_the_option_that_registers_it():
+def test_the_message_about_an_unknown_metric_names_the_option_that_registers_it():
     message = (
         r"additional\.height_loss\.kind is 'height_loss' by default, but .*; `--import FILE\.py` registers a metric"
     )
@@ -390,7 +393,7 @@ def test_an_unknown_metric_is_named_with_the_option_that_registers_it():
         load_scenario("hover", [additional(height_loss={"tolerance": 0.01})])
 
 
-def test_a_requirement_and_a_metric_have_different_names():
+def test_a_requirement_with_the_name_of_a_metric_is_refused():
     requirement = {"level": {"always": {"signal": "tilt", "below": 1.0}}}
     with pytest.raises(InputError, match="must have another name, since a study has another column"):
         load_scenario("hover", [{**additional(level={"kind": "max", "of": "tilt"}), "requirements": requirement}])

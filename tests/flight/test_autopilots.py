@@ -53,7 +53,7 @@ def scenario(diagrams):
 @pytest.mark.long
 @for_each_autopilot
 def test_compiled_uncompiled_and_single_flights_agree(scenario, kind):
-    """The flights are equal to the bit. Each vehicle has its own parameters, noise and delay."""
+    """The flights are bitwise equal. Each vehicle has its own parameters, noise and delay."""
     flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=1"), range(3)))
     assert len({flight.metrics.rmse for flight in flights}) == 3
     for sample in (1, 2):
@@ -155,7 +155,7 @@ def test_a_control_without_the_output_for_its_autopilot_is_refused(scenario):
     study = scenario("attitude")
     for control, words in (
         (Wrenches("wrench", 4), "control must have the output port `attitude_target`, but has `wrench`"),
-        (Wrenches("attitude_target", 4), "the port `attitude_target` of control must have 7 rows, but has 4"),
+        (Wrenches("attitude_target", 4), "the port `attitude_target` of control must have 7 elements, but has 4"),
     ):
         with pytest.raises(InputError, match=words):
             simulate(study, sample=0, control=control)

@@ -10,6 +10,7 @@ from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.signals import Acceleration, Reference, State
 
 PD_GAINS = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
+# Model of the vehicle's response that the estimators use.
 RESPONSE = "response: {kind: commanded, lag: [0.25, 0.26, 0.07]}"
 HEAVY_VEHICLE_IN_WIND = [
     "vehicle.mass=0.71",
@@ -40,10 +41,10 @@ def settled(diagrams):
 
 
 @pytest.mark.long
-def test_steady_wind_causes_no_error_under_indi_and_a_known_fraction_of_the_pd_error_under_l1(settled):
-    """The command u at rest compensates the disturbance, and the error under a PD alone is u / k_P.
+def test_the_errors_of_indi_and_l1_in_steady_wind_have_closed_forms(settled):
+    """At rest, the command u compensates the disturbance. The error is u / k_P with a PD alone, and zero with INDI.
 
-    With the adaptation rate a and the tick h, the error under L1 is 1 - exp(-a h) times this error.
+    With the adaptation rate a and the tick h, the error with L1 is 1 - exp(-a h) times the error with the PD alone.
     """
     pd_error, no_estimate, command = settled(f"{{kind: pd, {PD_GAINS}}}")
     assert no_estimate is None

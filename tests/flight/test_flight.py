@@ -25,7 +25,7 @@ def flight(diagrams):
     return simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=3.0"]))
 
 
-def test_rows_of_a_flight_signal_have_names(flight):
+def test_components_of_a_signal_have_names(flight):
     for name, values in flight.signals.items():
         record = flight.record(name)
         assert type(record) is SIGNALS[name]
@@ -37,8 +37,8 @@ def test_rows_of_a_flight_signal_have_names(flight):
 
 
 @pytest.mark.long
-def test_rows_of_network_signals_are_numbered(asymmetric):
-    """Weights have a row for each rule, and traces of the covariance have one for each axis."""
+def test_components_of_network_signals_are_numbered(asymmetric):
+    """The signal `weights` has one component for each rule, and `covariance_trace` has one for each axis."""
     few_sets = "control.network.inputs.error={scale: 2.4, centres: [-1.0, 0.8], widths: [1.1, 1.0]}"
     flight = simulate(asymmetric("pd_t2fnn", "duration=1.1", "control.network.axes=[x, y]", few_sets))
     weights, traces = flight.record("weights"), flight.record("covariance_trace")
@@ -148,7 +148,7 @@ def final_positions(scenario, samples, seed):
 
 
 @pytest.mark.long
-def test_a_repeated_sample_gives_the_same_flight_to_the_last_bit(imperfect):
+def test_a_repeated_sample_has_a_bitwise_equal_flight(imperfect):
     first, again = (simulate(imperfect, seed=3, sample=7) for _ in range(2))
     for name in first.signals:
         np.testing.assert_array_equal(first[name], again[name])
@@ -158,7 +158,7 @@ def test_a_repeated_sample_gives_the_same_flight_to_the_last_bit(imperfect):
 
 
 @pytest.mark.long
-def test_the_flight_of_a_sample_does_not_depend_on_the_fleet_or_its_index(imperfect):
+def test_the_flight_of_a_sample_does_not_depend_on_the_other_vehicles_of_the_fleet(imperfect):
     """The final positions agree to 1e-9 m."""
     alone = simulate(imperfect, seed=3, sample=7, compiled=False)["state"][-1, :3]
     for samples, index in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
@@ -172,7 +172,7 @@ def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
     diagram = build_tracking_diagram(scenario, 3)
     alone = [simulate(scenario, sample=sample, compiled=False)["wind"][-1] for sample in (3, 4, 5)]
     assert np.ptp(alone, axis=0).min() > 1e-3
-    # A tick records the wind of the interval before it.
+    # The wind that is recorded at a tick is the wind of the time step before this tick.
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.0)
     wind = diagram.GetOutputPort("wind").Eval(simulator.get_context()).reshape(3, 3)
@@ -215,7 +215,7 @@ def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams
     assert np.abs(noise[0]).min() > 1e-6
 
 
-def test_turbulence_does_not_depend_on_other_winds(diagrams):
+def test_turbulence_does_not_depend_on_other_wind_sources(diagrams):
     winds = []
     for sources in (f"[{DRYDEN_WIND}]", f"[{GUST_WIND}, {DRYDEN_WIND}]"):
         winds.append(

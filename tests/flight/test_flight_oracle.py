@@ -23,9 +23,9 @@ ATTITUDE_RESPONSE = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
 PRIORITIES = get_args(Priority)
-# The first two flights are long. Short flights cover the remaining features. Features that do not interact share a
-# flight, because each flight is compiled.
 PD_GAINS = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
+# Controller and overrides of each flight, by the features that the flight covers. The first two flights are long. Short
+# flights cover the remaining features. Features that do not interact share a flight, because each flight is compiled.
 FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", ["duration=14.2"]),
@@ -50,7 +50,7 @@ FLIGHTS = {
             "laboratory.motion_capture={period: 0.02, latency_frames: 0, dropout_rate: 0.0, derivative_bandwidth: 60}",
         ],
     ),
-    "a network over position, velocity and phase that learns from the feedback": (
+    "a network that learns from the feedback, with the inputs position, velocity and phase": (
         "pd_t2fnn",
         [
             "duration=2",

@@ -38,7 +38,7 @@ def test_a_flight_is_a_mapping_of_its_signals(flight):
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(flight))["state"], flight["state"])
 
 
-def test_a_frame_has_a_row_for_each_tick_and_a_column_for_each_row_of_a_signal(flight):
+def test_a_data_frame_has_a_row_for_each_tick_and_a_column_for_each_component_of_a_signal(flight):
     frame = flight.to_frame()
     assert frame.index.name == "time"
     np.testing.assert_array_equal(frame.index, flight.time)
@@ -75,7 +75,7 @@ def test_a_saved_flight_is_read_back_unchanged(flight, folder, file):
     assert repr(again) == repr(flight)
 
 
-def test_a_flight_that_crashed_is_read_back(diagrams, tmp_path):
+def test_a_saved_flight_that_crashed_is_read_back(diagrams, tmp_path):
     scenario = load_scenario(diagrams / "hover.yaml", {"vehicle.rotor_failure": {"rotor": 1, "time": 0.1}})
     flight = simulate(scenario, compiled=True)
     flight.save(tmp_path)
@@ -117,7 +117,7 @@ def test_folders_without_a_flight_and_damaged_files_are_refused(flight, tmp_path
     assert isinstance(flight.scenario, Scenario)
 
 
-def test_a_user_defined_plan_is_read_back(diagrams, tmp_path):
+def test_a_user_defined_plan_is_saved_and_read_back(diagrams, tmp_path):
     """The plan differs from the plan of the scenario's route."""
     plan = Plan.hover([1.0, 2.0, 3.0], duration=0.5, yaw=0.4)
     simulate(load_scenario(diagrams / "hover.yaml", {"duration": 0.5}), plan=plan).save(tmp_path)

@@ -27,7 +27,7 @@ NEURAL_FLY_WITHOUT_WIND_AND_NOISE = {
 
 
 def base_of(controller):
-    """Return the scenario, the layers before it and the overrides with which a shipped controller is flown."""
+    """Return the scenario, the layers and the overrides with which a shipped controller is flown."""
     file, _, name = controller.partition(":")
     if name == "lqg_neural_fly":
         return "neural_fly:still", [], NEURAL_FLY_WITHOUT_WIND_AND_NOISE
@@ -66,7 +66,7 @@ def features_of(controller):
 
 
 def states_of_flight(controller, turn, duration=0.8):
-    """Return the states (ticks, 12) of a flight, rotated about Z, whose reference velocity jumps at the start."""
+    """Return the states (ticks, 12) of a flight along a reference that is rotated about Z and whose velocity jumps."""
     scenario, layers, overrides = base_of(controller)
     route = {
         "kind": "lissajous",
@@ -94,7 +94,8 @@ def rotated(states, angle):
 
 @pytest.mark.long
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
-    """Other rotations would change the flight, because gains on X and Y may differ and networks act on each axis.
+    """Rotations by other angles would change the flight, since gains on X and Y may differ and networks act on each
+    axis.
 
     If several controllers differ only in their gains, only one of them is flown.
     """

@@ -26,7 +26,7 @@ def in_laboratory(layer, *overrides):
 
 
 def hovering(layer, start, end):
-    """Return `laboratory:nominal` with a hover until `end` whose metrics begin at `start`, s."""
+    """Return `laboratory:nominal` with a hover that ends at `end` and metrics that begin at `start`, s."""
     route = f"route={{kind: hover, position: [0, 0, 1], duration: {end}}}"
     return in_laboratory(layer, route, f"metrics.start={start}", "seed=7")
 
@@ -105,7 +105,7 @@ def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
 
 @pytest.mark.long
 def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
-    """Products of noise terms and lost packets disturb the vehicle. Products also lengthen the thrust vector."""
+    """The linear model omits lost packets and nonlinear effects of the noise, which also lengthen the thrust vector."""
     layer = "designed/laboratory.yaml:indi"
     lossless = "laboratory.command_link.loss_rate=0"
     error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))
@@ -137,7 +137,7 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
 def stub_errors(monkeypatch):
     """Return a function that replaces simulated flights with given errors, and returns the list of flown samples.
 
-    The given errors are a function of the axis and of (n,) samples.
+    The given errors are a function of the axis and of an array (n,) of sample indices.
     """
 
     def install(error):

@@ -7,6 +7,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate, simulate_samples
 from drake_quad.assembly.laboratory import vehicle_parameters
+from drake_quad.flight.remarks import flight_remarks
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.signals import SIGNALS
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
@@ -72,7 +73,7 @@ def test_initial_states_are_drawn_for_each_sample_of_a_study():
     assert len(np.unique(study.parameters["initial.velocity.0"])) == 6
 
 
-def test_a_responding_vehicle_turns_at_its_initial_body_rates():
+def test_a_vehicle_with_an_identified_attitude_response_has_its_initial_body_rates():
     scenario = load_scenario(
         "neural_fly:still", [{"initial": {"attitude": [0.3, 0.2, 0.1], "body_rates": [1.0, 2.0, 3.0]}}]
     )
@@ -104,6 +105,26 @@ def test_the_overshoot_is_the_largest_error_opposite_to_the_initial_error():
         ({"frame": "body"}, r"initial\.frame"),
     ],
 )
-def test_wrong_initial_states_are_refused(initial, message):
+def test_invalid_initial_states_are_refused(initial, message):
     with pytest.raises(InputError, match=message):
         started(initial)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"crash.height": 1.0}, "crash.height is 1 m, but the reference flies as low as 1 m"),
+        ({"initial.attitude": [1.5, 0.0, 0.0]}, "initial.attitude is a tilt of 1.5 rad, but crash.tilt is 1.4 rad"),
+    ],
+)
+def test_a_flight_that_crashes_at_its_beginning_is_remarked(overrides, words):
+    (sentence,) = flight_remarks(load_scenario("hover", overrides))
+    assert words in sentence
+    assert not flight_remarks(load_scenario("hover"))
+
+
+def test_a_thrown_vehicle_with_the_route_of_a_laboratory_is_remarked(tmp_path):
+    """`upset` counts a vehicle at height 0 as crashed, and the route of the laboratory begins there."""
+    path = tmp_path / "mixed.yaml"
+    path.write_text("mixed: {extends: [upset, laboratory:nominal]}\n")
+    assert any("crash.height is 0 m" in sentence for sentence in flight_remarks(load_scenario(path)))

@@ -40,8 +40,8 @@ def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric
 
 
 @pytest.mark.long
-def test_learned_sets_are_used_even_if_only_the_weights_learn_further(asymmetric, tmp_path):
-    """The first corrections are the same whether or not the sets learn further."""
+def test_learned_fuzzy_sets_are_used_even_if_a_flight_only_adapts_the_weights(asymmetric, tmp_path):
+    """The first corrections are the same whether or not the flight adapts the fuzzy sets further."""
     file = save_network(simulated_flight(asymmetric, FEW_RULES, ADAPTIVE_SETS), tmp_path / "learned.yaml")
     learned = f"control.network.learned={file}"
     fixed, free = (simulated_flight(asymmetric, FEW_RULES, learned, *more) for more in ([], [ADAPTIVE_SETS]))
@@ -149,7 +149,7 @@ def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
 
 
 @pytest.mark.long
-def test_parameters_are_saved_per_axis_in_any_order_of_the_axes(asymmetric, tmp_path):
+def test_parameters_are_saved_for_each_axis_in_any_order_of_the_axes(asymmetric, tmp_path):
     axes = ["control.network.axes=[z, x]", FEW_RULES, "duration=0.3"]
     first = simulated_flight(asymmetric, *axes)
     file = save_network(first, tmp_path / "learned.yaml")

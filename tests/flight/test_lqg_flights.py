@@ -86,7 +86,7 @@ FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {PHASE_CENTRES.toli
     ("controller", "override"), [("lqg_map", FEWER_POSITION_SETS), ("lqg_schedule", FEWER_PHASE_SETS)]
 )
 def test_a_network_reduces_the_error_in_the_second_lap_by_a_tenth(controller, override):
-    """The input of the network is the position or the phase of the lap. Fewer sets are used, to compile faster."""
+    """The input of the network is the position or the phase of the lap. Fewer fuzzy sets reduce the time to compile."""
     laps = "route.laps=2", "metrics={first_lap: 2}", override
     rmse = mean_rmse(scenario_of(HIGH_WIND_SCENARIO, *laps, controller=controller))
     assert rmse < 0.9 * mean_rmse(scenario_of(HIGH_WIND_SCENARIO, *laps, "control.network=null", controller=controller))
@@ -111,7 +111,7 @@ def test_a_network_around_the_regulator_causes_no_algebraic_loop():
 @pytest.mark.long
 @pytest.mark.parametrize(("correction_fraction", "learned_fraction"), [(0.6, 0.6), (0.5, 0.2)])
 def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(correction_fraction, learned_fraction):
-    """A steady wind v causes the acceleration c v / m. The filter subtracts the learned part, not the correction."""
+    """A steady wind v causes the acceleration c v / m. The filter subtracts the learned disturbance."""
     wind = np.array([1.5, -2.5, 0.0])
     scenario = scenario_of(
         "laboratory.yaml:nominal",
@@ -142,7 +142,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
 
 @pytest.mark.long
 def test_a_network_can_be_combined_with_the_regulator():
-    """The network uses the estimate, learns from the feedback, and flies the same compiled and uncompiled."""
+    """The network uses the estimated disturbance and learns from the feedback. The flight is also compiled."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"
         " z: {scale: 2, centres: [-1, 1], widths: [2, 2]}}, lead: 0.1,"

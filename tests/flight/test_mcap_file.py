@@ -117,7 +117,7 @@ def test_parts_of_foxglove_schemas_have_their_titles(messages):
     }
 
 
-def test_signals_are_written_with_the_names_of_their_rows(messages, flights):
+def test_signals_are_written_with_the_names_of_their_components(messages, flights):
     contents, schemas = messages
     for name, flight in flights.items():
         state = flight.record("state")
@@ -239,7 +239,7 @@ def test_the_attached_scenario_repeats_the_flight(path, flights, tmp_path):
     assert float(metrics["whole/metrics"]["rmse"]) == pytest.approx(flights["whole"].metrics.rmse, rel=1e-11)
 
 
-def test_a_single_flight_has_the_name_of_its_scenario(flights, tmp_path):
+def test_the_topics_of_a_single_flight_have_the_name_of_its_scenario(flights, tmp_path):
     path = save_mcap(flights["whole"], tmp_path / "one.mcap")
     with path.open("rb") as stream:
         topics = {channel.topic.split("/")[1] for channel in make_reader(stream).get_summary().channels.values()}

@@ -47,7 +47,7 @@ class Cascade(LeafSystem):
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 3])
 def test_a_manually_connected_loop_has_the_flights_of_the_tracking_diagram(num_vehicles):
-    """Wind, noise and lost packets are the same, and the flights are equal to the bit."""
+    """Wind, noise and lost packets are the same, and the flights are bitwise equal."""
     scenario = load_scenario("laboratory:low_wind", ["sample=5", "seed=7"])
     builder = DiagramBuilder()
     reference = builder.AddSystem(build_reference(plan_route(scenario), num_vehicles=num_vehicles))
@@ -75,7 +75,7 @@ def test_a_manually_connected_loop_has_the_flights_of_the_tracking_diagram(num_v
         ("hover", ["vehicle.slung_load={mass: 0.05, length: 0.5}"], "swing"),
     ],
 )
-def test_the_docstring_of_the_laboratory_lists_its_ports_and_their_rows(name, overrides, distinct_port):
+def test_the_docstring_of_the_laboratory_lists_its_ports_and_their_sizes(name, overrides, distinct_port):
     text = build_laboratory_diagram.__doc__
     rows = {}
     for names, number in re.findall(r"(`[^()]+) \((\d+)\s+rows?[):,]", text):
@@ -130,6 +130,6 @@ def test_random_sources_of_drake_can_replace_the_noise_of_a_sample():
     assert "NoiseSource" not in names
 
 
-def test_the_message_about_a_random_vehicle_names_the_function_that_draws_it():
+def test_the_message_about_a_scenario_with_distributions_names_the_function_that_draws_a_sample():
     with pytest.raises(InputError, match=r"is a distribution, .* draw_sample\(scenario, 0\) in Python"):
         build_vehicle(load_scenario("robustness"))

@@ -17,16 +17,17 @@ from drake_quad.signals import Acceleration, Wrench
 
 # First control tick at which the user's system returns a non-finite number, s.
 FAILURE_TIME = 0.3
-NUM_ROWS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
+# Number of components of each signal that the user's system may return.
+NUM_COMPONENTS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
 
 
 class Broken(LeafSystem):
-    """A system in plain Python that holds the vehicle in hover until its second output becomes non-finite."""
+    """A system in plain Python that holds a hover until the second component of its output becomes non-finite."""
 
     def __init__(self, signal, value=np.nan, num_vehicles=1, weight=0.68 * 9.81):
         super().__init__()
         n = num_vehicles
-        rows = NUM_ROWS[signal]
+        rows = NUM_COMPONENTS[signal]
 
         def write_output(context, output):
             values = np.zeros((rows, n))
@@ -42,7 +43,7 @@ class Broken(LeafSystem):
 
 @fleet_system(float)
 class BrokenFormula(FleetSystem):
-    """A controller with the same behaviour, written as a formula, which is compiled."""
+    """A controller with the same behaviour as `Broken`, written as a formula, which is compiled."""
 
     def declare(self, *, wrench=False):
         reads = self.input("measurement"), self.input("reference"), TIME
@@ -58,6 +59,7 @@ def nan_after_failure(time):
     return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
+# Scenario, part of the loop that the user's system replaces, and signal and component that become non-finite.
 FAILING_OUTPUTS = [
     ("hover", "position_controller", "acceleration_command", "y"),
     ("hover", "control", "wrench", "tau_x"),
@@ -97,7 +99,7 @@ FIRST_CAUSES = [
 
 
 @pytest.mark.parametrize(("failures", "user_systems", "sentence"), FIRST_CAUSES)
-def test_the_cause_is_the_earliest_failure_and_at_equal_ticks_the_one_computed_first(failures, user_systems, sentence):
+def test_the_cause_of_a_crash_is_the_signal_that_was_non_finite_first(failures, user_systems, sentence):
     """Signals are recorded in the order of their computation, except for the signals of the vehicle."""
     rows = {
         "acceleration_command": 3,
@@ -134,7 +136,7 @@ def test_the_cause_of_a_crash_survives_a_round_trip_through_files(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_diverges_or_turns_over_has_no_cause():
+def test_a_crash_with_finite_signals_has_no_reported_cause():
     """The vehicle diverges without damping, and turns over with a gain of 1e9. All signals are finite."""
     off_centre = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
     for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):

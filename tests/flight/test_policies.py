@@ -145,7 +145,7 @@ def raptor():
 
 
 def test_the_foundation_policy_has_the_actions_of_its_package(raptor):
-    """The inputs are random. The package's positions and velocities are our errors with the opposite sign."""
+    """The inputs are random. The package observes position and velocity errors with the opposite sign."""
     package = pytest.importorskip("foundation_policy")
     policy = package.Raptor()
     policy.reset()
@@ -213,7 +213,7 @@ MAX_YAW_OFFSET = 0.015
 
 @pytest.mark.parametrize("yaw", [-np.pi / 2, 0.0, np.pi / 2, np.pi, 12.0])
 def test_the_foundation_policy_follows_the_reference_yaw(yaw):
-    """The layer rotates the axes of the plus layout, because the policy was trained on vehicles with an X layout."""
+    """The controller `raptor_plus` rotates the axes by 45°, because the training vehicles had an X layout."""
     hover = load_scenario("hover", {"route.yaw": yaw, "duration": 4.0}, layers=["controllers/raptor:raptor_plus"])
     flight = simulate(hover, compiled=True)
     assert not flight.metrics.crashed
@@ -238,7 +238,7 @@ def test_a_user_defined_policy_needs_a_control_of_kind_policy():
     with pytest.raises(InputError, match="a policy requires a scenario with control of kind policy"):
         simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
     task = environment_scenario("hover")
-    with pytest.raises(InputError, match="the port .* of policy must have 3 rows, but has 4"):
+    with pytest.raises(InputError, match="the port .* of policy must have 3 elements, but has 4"):
         simulate(task, policy=action_source(np.zeros((2, 4)), 0.02))
     with pytest.raises(InputError, match="control.policy of hover is missing"):
         simulate(task)

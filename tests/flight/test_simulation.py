@@ -17,7 +17,7 @@ def test_progress_is_reported_until_the_end(diagrams, compiled):
 
 
 @pytest.mark.slow
-def test_a_scenario_flies_its_own_sample_and_seed_unless_others_are_given(diagrams):
+def test_a_scenario_is_flown_with_its_own_sample_and_seed_by_default(diagrams):
     """Samples differ in their turbulence."""
     wind = "laboratory.wind=[{kind: dryden, level: light}]"
 
@@ -33,7 +33,7 @@ def test_a_scenario_flies_its_own_sample_and_seed_unless_others_are_given(diagra
     assert np.abs(wind_of(seed=5) - wind_of(seed=6)).max() > 1e-3
 
 
-def test_a_flight_that_stops_early_has_the_same_ticks_until_then(diagrams):
+def test_a_flight_that_stops_early_has_the_signals_of_the_whole_flight_until_then(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.2"])
     whole, part = simulate(scenario), simulate(scenario, until=0.1)
     np.testing.assert_array_equal(part.time, whole.time[:6])

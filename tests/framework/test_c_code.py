@@ -119,7 +119,7 @@ def test_identifiers_are_valid_in_c(name, valid):
 @pytest.mark.parametrize(
     "name", ["sin_cos", "exp", "tanh", "erf", "log", "log1p", "arctan", "arctan2", "arcsin", "wrap_angle"]
 )
-def test_elementary_functions_have_the_bits_of_the_machine_code(name, tmp_path):
+def test_elementary_functions_are_bitwise_equal_to_the_machine_code(name, tmp_path):
     from drake_quad.framework.formulas import kernel
     from drake_quad.framework.records import ROW
 
@@ -152,7 +152,7 @@ def test_elementary_functions_have_the_bits_of_the_machine_code(name, tmp_path):
 
 @needs_compiler
 @pytest.mark.slow
-def test_products_are_added_with_a_single_rounding_without_an_instruction_for_it(tmp_path):
+def test_multiply_add_rounds_once_even_without_a_processor_instruction_for_it(tmp_path):
     run = """
     void run(int n, const double *x, const double *y, const double *z, double *out) {
         for (int k = 0; k < n; ++k) out[k] = multiply_add(x[k], y[k], z[k]);

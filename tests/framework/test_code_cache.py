@@ -51,7 +51,7 @@ def test_a_file_that_was_renamed_to_another_module_is_not_read(file):
     assert code_cache.read(OTHER_KERNEL_NAME) == OBJECT_CODE[::-1]
 
 
-def test_a_valid_digest_of_empty_code_is_not_read(file):
+def test_a_file_that_contains_only_a_digest_is_not_read(file):
     file.write_bytes(code_cache._digest(KERNEL_NAME, b""))
     assert code_cache.read(KERNEL_NAME) is None
 
@@ -63,7 +63,7 @@ def test_a_file_that_others_can_write_is_not_read(file, mode):
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777], ids=oct)
-def test_a_folder_that_others_can_write_is_not_used_and_logged_once(file, mode, caplog):
+def test_a_folder_that_others_can_write_is_not_used_and_is_reported_once(file, mode, caplog):
     file.parent.chmod(mode)
     assert code_cache.read(KERNEL_NAME) is None
     code_cache.write(OTHER_KERNEL_NAME, OBJECT_CODE)
@@ -137,7 +137,7 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
     ],
 )
 def test_a_relative_path_is_not_used_as_folder(variables, expected, monkeypatch, caplog):
-    """A warning is logged if DRAKE_QUAD_CACHE is the variable that contains the relative path."""
+    """A warning is logged only if DRAKE_QUAD_CACHE contains the relative path."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):

@@ -128,7 +128,7 @@ def test_sin_cos_equals_sine_and_cosine(angle):
 
 
 @pytest.mark.parametrize("number", [0.0, 1.0, 2.0**32 + 1.0, 2.0**52 - 1.0])
-def test_conversion_to_a_word_and_back_is_exact(number):
+def test_conversion_to_a_64_bit_word_and_back_is_exact(number):
     """The conversion accepts every scalar type and drops derivatives."""
     for value in (number, np.array([number]), AutoDiffXd(number, [1.0]), np.array([AutoDiffXd(number, [1.0])])):
         word = elementary.to_uint64(value)
@@ -139,7 +139,7 @@ def test_conversion_to_a_word_and_back_is_exact(number):
     assert words.tolist() == [int(number), 3]
 
 
-def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
+def test_lazy_where_evaluates_the_formula_only_for_vehicles_that_need_it():
     evaluated = []
 
     def inverse(x):
@@ -159,7 +159,7 @@ def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
     np.testing.assert_array_equal(shifted, [0.0, 3.0, 5.0, 0.0])
 
 
-def test_where_needed_has_derivatives():
+def test_lazy_where_has_derivatives():
     x = np.array([AutoDiffXd(value, [1.0]) for value in (1.0, 3.0)])
     actual = elementary.lazy_where(x > 2.0, lambda x: x * x, (x,), 5.0)
     assert [each.value() for each in actual] == [5.0, 9.0]

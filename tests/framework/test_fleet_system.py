@@ -193,7 +193,7 @@ def test_a_packed_output_is_split_into_its_signals():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_a_reset_evaluates_the_recipes_again(n):
+def test_a_reset_recomputes_parameters_and_states(n):
     rows = np.arange(1.0, n + 1.0) if n > 1 else 1.0
     parameters = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
     fresh, used = Example(num_vehicles=n, parameters=parameters), Example(num_vehicles=n)
@@ -253,7 +253,7 @@ class Held(FleetSystem):
 
 @pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("scalar", [float, AutoDiffXd, Expression])
-def test_a_state_output_has_all_rows_of_the_state(n, scalar):
+def test_a_state_output_has_all_components_of_the_state(n, scalar):
     system = Held(num_vehicles=n, parameters=Numbers(start=0.5))
     system = system if scalar is float else system.ToScalarType[scalar]()
     actual = system.get_output_port().Eval(system.CreateDefaultContext())
@@ -289,7 +289,7 @@ class InitializedAngles(FleetSystem):
         self.state_output(state)
 
 
-def test_initial_values_have_the_bits_of_the_same_formula_in_flight():
+def test_initial_values_are_bitwise_equal_to_the_same_formula_in_flight():
     winds = np.random.default_rng(5).normal(size=(3, 400))
     simulator = Simulator(InitializedAngles(400, parameters=Wind(*winds)))
     simulator.Initialize()

@@ -1,4 +1,4 @@
-"""Tests of the layouts of records in rows."""
+"""Tests of the layouts of records in vectors."""
 
 from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple
@@ -84,7 +84,7 @@ def test_plain_tuples_become_records_of_the_field_types():
 
 @pytest.mark.parametrize("kind", [int, str, Any])
 def test_types_other_than_rows_records_and_tuples_are_refused(kind):
-    with pytest.raises(TypeError, match="is not a type of rows"):
+    with pytest.raises(TypeError, match="is not a type of record"):
         layout_of(kind)
 
 
@@ -126,7 +126,7 @@ def test_a_record_is_built_from_attributes_of_the_same_names():
         record_like(Frame, SimpleNamespace(corner=(1.0, 2.0)))
 
 
-def test_every_signal_has_rows_with_units():
+def test_every_component_of_a_signal_has_a_unit():
     from drake_quad.signals import Quantity, quantities, row_names
 
     for name in SIGNALS:

@@ -14,7 +14,7 @@ from drake_quad.signals import Attitude, Row
 
 ROW_LAYOUT = layout_of(Row)
 EXPRESSION_NAMESPACE = {**vars(elementary), "math": math}
-# Functions whose replacement cannot be compared with the NumPy function of the same name and any arguments.
+# Expected results of those replacements that cannot simply be compared with the NumPy function of the same name.
 FUNCTIONS = {
     "all": lambda x, y: x > 0.0 and y > 0.0,
     "any": lambda x, y: x > 0.0 or y > 0.0,

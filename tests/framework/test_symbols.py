@@ -27,6 +27,7 @@ def layered(*, matrix=LAYER_MATRIX, activation=elementary.tanh):
     return traced
 
 
+# Functions that record operations in a listing; all these listings differ.
 LISTINGS = {
     "a sum": lambda listing: listing.row(0, 0) + listing.row(0, 1),
     "a sum in another order": lambda listing: listing.row(0, 1) + listing.row(0, 0),
@@ -37,8 +38,8 @@ LISTINGS = {
     "a shared value": lambda listing: listing.shared(0),
     "zero": lambda listing: listing.constant(0.0),
     "minus zero": lambda listing: listing.constant(-0.0),
-    "a word": lambda listing: listing.constant(np.uint64(0)),
-    "a truth value": lambda listing: listing.constant(False),
+    "a 64-bit word": lambda listing: listing.constant(np.uint64(0)),
+    "a boolean": lambda listing: listing.constant(False),
     "a row of words": lambda listing: listing.row(0, 0, SymbolKind.WORD),
     "a branch": branched(),
     "a branch with another formula": branched(factor=3.0),

@@ -8,7 +8,7 @@ from drake_quad.geometry.axes import BodyAxes, Tilt, Vector, cross, dot, length,
 from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
 from drake_quad.signals import BodyRates
 
-ATTITUDES = [(0.3, -0.4, 0.5), (-2.8, 1.2, 3.0), (1.7, -1.5, -2.2), (0.0, 0.0, 0.0)]  # rad
+ATTITUDES = [(0.3, -0.4, 0.5), (-2.8, 1.2, 3.0), (1.7, -1.5, -2.2), (0.0, 0.0, 0.0)]  # roll, pitch, yaw (rad)
 A, B = Vector(1.0, -2.0, 0.5), Vector(0.3, 0.7, -1.1)
 
 

@@ -20,7 +20,7 @@ def test_an_environment_has_one_vehicle_and_records_no_actions_by_default():
         envs.flight()
 
 
-def test_a_number_of_vehicles_that_exceeds_the_memory_is_refused_immediately():
+def test_a_fleet_that_does_not_fit_into_memory_is_refused_immediately():
     with pytest.raises(InputError, match="num_envs is"):
         hover(num_envs=10**12)
 
@@ -53,7 +53,7 @@ def test_options_without_a_mask_reset_all_vehicles():
 
 @pytest.mark.parametrize("ticks", [1, 2])
 def test_an_episode_without_a_tick_is_not_the_last_completed_one(ticks):
-    """A reset completes an episode that has at least one tick."""
+    """A reset completes the current episode only if it has at least one tick."""
     envs = hover(num_envs=2, record=True)
     envs.reset(seed=3)
     for _ in range(ticks):

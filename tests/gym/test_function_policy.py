@@ -7,6 +7,7 @@ from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.gym import FunctionPolicy, QuadrotorVectorEnv
 
 OBSERVATION = {"signals": ["position_error", "velocity_error"]}
+# Matrix of a linear policy, from the errors of position and velocity to an acceleration.
 GAINS = np.hstack([np.diag([0.3, 0.25, 0.4]), np.diag([0.4, 0.35, 0.5])])
 
 

@@ -87,7 +87,7 @@ def test_a_reward_function_reads_metrics_that_are_requested_by_name():
     for _ in range(15):
         envs.step(np.full((6, 4), 0.1))
         kept.append(copy.deepcopy(transitions[-1].metrics))
-    # The window of metrics starts at 0.1 s, and that of the requirement at 0.2 s, at ticks of 0.02 s.
+    # The metric window starts at 0.1 s, and the time window of the requirement at 0.2 s. A tick lasts 0.02 s.
     assert [np.isnan(each["largest_tilt"]).all() for each in kept] == [True] * 4 + [False] * 11
     assert [np.isnan(each["near"]).all() for each in kept] == [True] * 9 + [False] * 6
     tilts = [np.arccos(np.cos(each.state.roll) * np.cos(each.state.pitch)) for each in transitions[4:]]

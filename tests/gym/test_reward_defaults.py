@@ -18,7 +18,7 @@ def step(error=0.0, action=0.0, last_action=0.0, crashed=False, obstacle_hit=0):
 
 
 def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
-    """The costs of full actions are small compared with the reward of 1 for exact tracking. A crash costs 10."""
+    """Actions of magnitude 1 cost little compared with the reward of 1 for exact tracking. A crash costs 10."""
     reward = TrackingReward()
     assert reward(step()) == 1.0
     assert reward(step(error=0.3)) == pytest.approx(np.exp(-1.0))
@@ -32,5 +32,5 @@ def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
     assert has_crashed(step()).tolist() == [False]
 
 
-def test_a_reward_length_below_a_metre_is_allowed():
+def test_the_length_of_a_tracking_reward_may_be_below_a_metre():
     assert TrackingReward(length=0.01)(step(error=0.01)) == pytest.approx(np.exp(-1.0))

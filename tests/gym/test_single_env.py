@@ -45,7 +45,7 @@ def test_a_single_environment_equals_a_vector_environment_with_one_vehicle():
     assert len(single.flight().time) == 6
 
 
-def test_a_frame_requires_a_render_mode_and_a_flight_requires_recording():
+def test_an_image_requires_a_render_mode_and_a_flight_requires_recorded_actions():
     env = QuadrotorEnv("hover", record=False)
     env.reset(seed=1)
     assert env.render_mode is None

@@ -106,7 +106,7 @@ def test_supported_wrappers_of_environments_are_accepted(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SAC", "TD3", "DDPG"])
-def test_policies_of_other_algorithms_are_saved(name, tmp_path):
+def test_policies_of_algorithms_other_than_ppo_are_saved(name, tmp_path):
     kwargs = {"net_arch": [12], "activation_fn": pytest.importorskip("torch").nn.SiLU}
     envs = StableVectorEnv(envs_of(2))
     make = getattr(stable_baselines3, name)

@@ -47,7 +47,7 @@ def fly_flips(time_step):
 
 
 def states(steps, name="state"):
-    """Return the states, or a signal in the form of states, from transitions as an array (ticks, N, 12)."""
+    """Return the states in transitions, or another signal with the same 12 components, as an array (ticks, N, 12)."""
     return np.array([np.array(step.state if name == "state" else step.signals[name]).T for step in steps])
 
 
@@ -57,7 +57,7 @@ def flips():
 
 
 @pytest.mark.long
-def test_a_flip_with_the_default_time_step_agrees_with_one_with_an_eighth_of_it(flips):
+def test_a_flip_is_the_same_with_an_eighth_of_the_default_time_step(flips):
     _, _, steps = flips
     _, _, finer = fly_flips(0.00125)
     coarse, fine = states(steps), states(finer)

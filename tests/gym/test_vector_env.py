@@ -72,7 +72,7 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
     over = [columns(steps[1:], place) for place in (2, 3)]
     ended = over[0] | over[1]
     episodes = 0
-    for vehicle in (0, 4, 8):  # these vehicles are in the first and in the last vector register
+    for vehicle in (0, 4, 8):  # machine code simulates vehicles 0 to 7 in one vector register, and vehicle 8 in another
         first, sample = 0, 0
         for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
             flown = actions[first : last + 1, vehicle]
@@ -487,6 +487,7 @@ def test_the_tracking_reward_follows_its_formula():
         ),
         (lambda: envs_of(2, plan=3), "plan is 3, but must be a Plan"),
         (lambda: envs_of(2, reward=None), "reward is None, but must be a function of a Transition"),
+        (lambda: envs_of(2, reward=lambda: 0.0), r"reward is <lambda>\(\), but must be a function of a Transition"),
         (lambda: envs_of(2, terminates=1), "terminates is 1, but must be a function of a Transition"),
         (lambda: envs_of(2).reset(seed=1.5), "seed is 1.5, but must be a whole number"),
         (lambda: envs_of(2).reset(seed="a"), "seed is 'a', but must be a whole number"),

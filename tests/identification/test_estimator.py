@@ -98,7 +98,8 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     seen = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
     np.testing.assert_allclose(found.drift, seen, rtol=0.02)
     assert found.correlation_time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
-    # The scale error of an axis without motion is zero, with the mean standard deviation of the other axes.
+    # The vehicle does not move along z. The scale error of z is therefore zero, and its standard deviation is the mean
+    # of those of x and y.
     flown = [fraction.deviation for fraction in found.scale_error[:2]]
     assert found.scale_error[2].deviation == pytest.approx(np.mean(flown))
     # The scale errors are exact if there is no sinusoidal error.

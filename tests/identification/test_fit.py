@@ -1,4 +1,4 @@
-"""Covariances, degrees of freedom and noise, compared with closed forms and with refits without single blocks."""
+"""Tests of fits: covariances, degrees of freedom and noise are compared with known solutions."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -134,7 +134,7 @@ def test_score_and_information_match_normally_distributed_errors() -> None:
 
 
 @pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
-def test_few_windows_are_split_into_at_least_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
+def test_few_windows_are_split_into_at_least_sixty_parts_in_order_of_time(windows: int, parts: int) -> None:
     """All outputs of a sample stay in the same part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
@@ -156,7 +156,8 @@ def test_few_windows_are_split_into_at_least_sixty_parts_in_the_order_of_flight(
 
 
 class LinearPredictor:
-    """Predictor with the errors of a linear model, e = y - rows θ, and white noise of unit variance."""
+    """Stub of a predictor: the errors of a linear model, `measured` minus `rows` times θ, with white noise of unit
+    variance."""
 
     class Model:
         delay_index = None
@@ -277,7 +278,7 @@ def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool)
 
 
 class DriftingPredictor(LinearPredictor):
-    """Predictor of a mean that changes whenever the windows are continued."""
+    """Stub of a predictor of a mean, whose measurements change at the start of each round of the fit."""
 
     def __init__(self, moves: list[float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.zeros((40, 5)))
@@ -292,7 +293,7 @@ class DriftingPredictor(LinearPredictor):
 @pytest.mark.parametrize(
     ("moves", "rounds"),
     [
-        # There are at least three and at most eight rounds.
+        # A fit has at least three and at most eight rounds.
         ([], 3),
         ([1.0] * 20, 8),
         ([-1.0] * 20, 8),
@@ -381,7 +382,7 @@ def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: 
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
     assert (found is at) == (best == 8.0)
-    # The filter of the returned noise is computed once.
+    # The filter gains for the returned noise are computed only once.
     assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # Likelihood and gains belong to the returned noise.
     deviation = predictor.deviation(expected)
@@ -480,13 +481,14 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
 def test_smaller_disturbing_forces_and_torques_are_tried_separately(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
-    """Only the one on which the likelihood depends changes."""
+    """The likelihood depends either on the forces or on the torques, and only these are reduced."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
     filters = predictor.gains
 
     def gains(values: np.ndarray, noise: PredictionNoise) -> Gains:
-        # The standard deviation is smallest at 0.04, so each error is most likely there.
+        # The likelihood is largest for a disturbance of 0.04, for which the errors have the smallest standard
+        # deviation.
         deviation = np.exp(np.sum(np.log(noise.disturbance[own] / 0.04) ** 2))
         return filters(values, noise)._replace(whitening=np.full((40, 5, 1, 1), 1.0 / deviation))
 

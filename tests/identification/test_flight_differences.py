@@ -32,7 +32,7 @@ WINDOWS, SAMPLES = 20, 30
 
 
 def turned(heading: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return horizontal vectors along the world axes, given along the body axes."""
+    """Rotate horizontal vectors from the body axes to the world axes."""
     cos, sin = np.cos(heading), np.sin(heading)
     return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=-1)
 
@@ -65,7 +65,7 @@ def test_a_flight_without_a_force_has_no_trim_force_and_a_tiny_standard_deviatio
     assert 0.0 < found["trim_force.x"].deviation < 1e-9
 
 
-def test_intervals_of_a_mean_force_cover_it_although_the_force_fluctuates() -> None:
+def test_intervals_contain_the_mean_of_a_fluctuating_force() -> None:
     """The fluctuation has a correlation time of 0.5 s, so successive samples are not independent."""
     rng, period, time, trials = np.random.default_rng(3), 0.1, 0.5, 400
     decay, held = np.exp(-period / time), 0
@@ -80,7 +80,7 @@ def test_intervals_of_a_mean_force_cover_it_although_the_force_fluctuates() -> N
 
 
 def test_the_interval_for_the_next_flight_follows_from_the_spread_of_earlier_flights() -> None:
-    """The interval is Student's with F - 1 degrees of freedom for F flights."""
+    """The interval follows Student's distribution with F - 1 degrees of freedom for F flights."""
     rng, trials, flights = np.random.default_rng(1), 4000, 4
     values = 2.0 + 0.5 * rng.normal(size=(trials, flights + 1))
     spreads = [[EstimatedValue(value, 0.0, "N") for value in row[:-1]] for row in values]
@@ -168,8 +168,8 @@ WINDOW_LENGTH = 8
 def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:
     """Return logs, predictor and fit of flights, and the forces (W, T, 2) that the filter estimates, N.
 
-    Each flight has several windows. The stored force consists of a decaying and a constant part, which apply one sample
-    after the measurement.
+    Each flight has several windows. As in a filter, the gains contain the force that is predicted for the next sample:
+    a decaying and a constant part.
     """
     random, mass = np.random.default_rng(8), 0.7
     total, settle, period = sum(counts), 3, 0.02
@@ -185,7 +185,8 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
     own, constant = random.normal(size=(2, settle + WINDOW_LENGTH, 2, total))
     memory = np.array([0.05, 0.3, 9.0, 9.0, 9.0, 9.0])
     disturbance = random.normal(size=(settle + WINDOW_LENGTH, 14, total))
-    # Rows 12 to 19 of the state are the disturbance: x, y, z, p, q, r and the constant x and y.
+    # State components 12 to 19 are the disturbance: force along x, y, z, torque about x, y, z, constant force along x,
+    # y.
     disturbance[:, 6:8] = own * np.exp(-period / memory[:2])[:, None]
     disturbance[:, 12:] = constant
     fitted = SimpleNamespace(
@@ -284,7 +285,7 @@ def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() ->
     expected[1:3, 1:3] = thrust * np.outer([2.0, 3.0], [2.0, 3.0])
     expected[3, 3] = 4.0 / 3.0 * (np.var(trims, ddof=1) - 0.03**2)
     np.testing.assert_allclose(variation.covariance, expected, atol=1e-15)
-    # The distribution for the next flight contains the spread, with two degrees of freedom for three flights.
+    # The variance for the next flight includes the variance between flights. Three flights give two degrees of freedom.
     new = found.for_new_flight()
     assert new.deviations[3] == pytest.approx(np.sqrt(3e-4 + expected[3, 3]))
     assert new.degrees_of_freedom[3] == pytest.approx(2.0, rel=0.01)

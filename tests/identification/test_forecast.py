@@ -23,7 +23,7 @@ class Gains(SimpleNamespace):
 
 @pytest.fixture
 def predictor():
-    """Return a predictor in windows of constant acceleration, and its data.
+    """Return a stub of a predictor in windows of constant acceleration, with its last call and its data.
 
     The model misses a known fraction of the acceleration after the filter has settled.
     """
@@ -57,7 +57,7 @@ def predictor():
     return made, kept, curved, state
 
 
-def test_the_explained_fraction_refers_to_motion_beyond_coasting(predictor):
+def test_a_forecast_is_compared_with_coasting(predictor):
     """Coasting means constant velocity, constant rates of the angles, constant body rates and the mean force."""
     made, _, curved, state = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)

@@ -11,7 +11,8 @@ from drake_quad.identification.validation.comparison import compare_with_log
 from drake_quad.identification.validation.free_flight import FreeFlight, free_flight
 
 TIME = 0.01 * np.arange(1000)
-# The vehicle is in the air from 2 to 8 s, above a ground at 0.3 m.
+# Heights (m) of vehicle and reference, and a throttle. The vehicle is in the air from 2 to 8 s, and the ground is at
+# 0.3 m.
 HEIGHT = 0.3 + np.interp(TIME, [2.0, 3.0, 7.0, 8.0], [0.0, 1.0, 1.0, 0.0])
 REFERENCE = 0.3 + np.interp(TIME, [1.0, 2.0, 6.8, 7.8], [0.0, 1.0, 1.0, 0.0])
 COMMAND = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)
@@ -37,7 +38,7 @@ def test_in_free_flight_vehicle_and_reference_are_25_centimetres_above_the_groun
 
 
 @pytest.mark.parametrize("command", [None, np.full(1000, 0.6), np.zeros(1000)])
-def test_a_log_whose_rotors_work_at_both_ends_is_in_the_air_throughout(command):
+def test_a_log_whose_rotors_do_not_idle_at_either_end_is_in_the_air_throughout(command):
     assert free_flight(record_of(command=command)) == FreeFlight(0, 1000, None)
 
 

@@ -9,7 +9,7 @@ from drake_quad.identification.logs.record import FlightRecord
 
 RNG = np.random.default_rng(8)
 TIME = np.arange(3000) * 0.01
-WEIGHT = 0.3
+WEIGHT = 0.3  # N
 IS_FLYING = (TIME > 8.0) & (TIME < 25.0)
 
 
@@ -83,7 +83,8 @@ def test_noise_is_estimated_only_far_from_take_off_and_landing():
     logged = FlightRecord("log", time, thrust_command=commanded, position=np.zeros((3000, 3)))
     (noise,) = white_noise(logged)
     np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
-    # Flight counts from 9 s to 19 s. Samples near take-off and landing count neither as rest nor as flight.
+    # Only samples from 9 s to 19 s count as flight. Samples near take-off and landing count neither as rest nor as
+    # flight.
     loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
     position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
     (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
@@ -113,7 +114,7 @@ def test_noise_is_not_estimated_across_a_gap_or_from_few_samples():
         assert np.isnan(noise.at_rest).all()
 
 
-def test_angles_that_wrap_do_not_count_as_noise():
+def test_jumps_of_an_angle_from_pi_to_minus_pi_do_not_count_as_noise():
     yaw = 0.7 * 0.01 * np.arange(2000.0)
     wrapped = np.column_stack([0.0 * yaw, 0.0 * yaw, np.arctan2(np.sin(yaw), np.cos(yaw))])
     noise = {each.signal: each for each in white_noise(hovering(attitude=wrapped))}

@@ -1,4 +1,4 @@
-"""Vehicles are identified from their simulated flights, and published ones from real flights."""
+"""Tests that vehicles are identified from simulated flights, and published vehicles from real flights."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,8 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 
-# The last command of a tick of 20 ms is logged with a camera frame that is 10 ms old.
+# At each time, the log contains the command of the preceding control period of 20 ms, and a camera frame that is 10 ms
+# old.
 DELAY_IN_LABORATORY = 0.01 - 0.02
 
 
@@ -36,7 +37,7 @@ def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Sce
 
 
 def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
-    """Return the parameters whose true value is outside of the interval, with the error and the half-width."""
+    """Return the parameters whose interval does not contain the true value, each with its error and half-width."""
     estimates = found.estimates
     rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
     off = {
@@ -72,7 +73,8 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 @pytest.mark.long
 @pytest.mark.parametrize(("kind", "seconds"), [("calm", 9), ("autopilot", 11)])
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: int) -> None:
-    """At most two of about fifteen 95 % intervals miss the true value, and none by more than its half-width."""
+    """At most two of about fifteen 95 % intervals do not contain the true value. Intervals of twice the width all
+    do."""
     record, scenario, begun = flown(kind, diagrams, f"duration={seconds}")
     found = identify([record], begun, held_out_fraction=0.0)
     assert len(found.estimates.identified) >= 10
@@ -99,7 +101,7 @@ def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagra
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["hover", "figure_eight", "crazyswarm2:sheet_100", "crazyswarm2:log145"])
 def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Path) -> None:
-    """The log is the flight.csv that was saved; true values are in the intervals of the parameters."""
+    """The log is the saved flight.csv. All intervals contain the true values."""
     scenario = load_scenario(name)
     duration = min(flight_duration(scenario, plan_route(scenario)), 6.0)
     flight = simulate(scenario.model_copy(update={"duration": duration}), sample=0, compiled=True)
@@ -140,7 +142,7 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
+def test_a_log_of_hover_gives_no_thrust_curve(root: Path) -> None:
     """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
     record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")

@@ -58,7 +58,7 @@ def test_only_signals_that_all_logs_have_are_predicted():
         [record(1.0, *POSE_SIGNALS, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False
     )
     assert {output.signal for output in found} == {"body_rates", FORCE}
-    # The late attitude of an estimator is replaced by the gyroscope's body rates.
+    # An attitude that lags because an estimator computes it is not predicted, but the body rates of the gyroscope are.
     found = prepared_logs._outputs([record(1.0, *POSE_SIGNALS, "body_rates")], True)
     assert {output.signal for output in found} == {"position", "body_rates"}
     assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
@@ -325,7 +325,7 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
     assert held(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
 
 
-def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
+def test_a_parameter_is_excited_if_its_command_varies_in_flight_in_at_least_one_log():
     def command(size, *, flying):
         values = np.zeros((300, 3))
         values[:, 1] = size * np.sin(np.arange(300))
@@ -374,7 +374,7 @@ def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, atti
     )
     # An accelerometer determines only the product of drag and velocity if no position is measured.
     assert "linear_drag" not in names(rotors, "body_rates", FORCE)
-    # Heights determine no rotation.
+    # A log of heights determines no parameter of the rotation.
     assert names(rotors, "position") >= {"thrust_factor", "rotor_time_constant"}
     assert "inertia[0]" not in names(rotors, "position")
     behind = names(attitudes, *POSE_SIGNALS)

@@ -216,7 +216,8 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
     number = len(own)
     np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(own, own)])
     np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[own])
-    # The standard deviation of a noise estimate is relative to its value, and follows from many measurements.
+    # The fit estimates the variance of the logarithm of the noise, which is the relative variance of the noise. All
+    # measurements count as degrees of freedom.
     variances = np.linspace(1e-4, 2e-4, 18)[[0, 3]] * np.square([1e-3, 4e-3])
     np.testing.assert_allclose(estimates.covariance[number:, number:], np.diag(variances))
     np.testing.assert_array_equal(estimates.covariance[number:, :number], 0.0)
@@ -228,7 +229,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
     assert found.delay.half_width == pytest.approx(
         quantile(expected.degrees_of_freedom[place]) * np.sqrt(expected.covariance[place, place])
     )
-    # Thirty seconds give 23 windows of 1.25 s, of which a tenth at a time is held out.
+    # Thirty seconds give 23 windows of 1.25 s. A tenth of them is held out at a time.
     assert found.remarks[0] == "23 windows of 1.2 s in the air were fitted"
     assert set(found.held_out) == {*names}
     assert estimates.variation.covariance.shape == (number + 2, number + 2)

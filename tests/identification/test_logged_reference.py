@@ -14,7 +14,7 @@ from drake_quad.identification.validation.reference import logged_reference
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 
-POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.4, 1.2], [0.3, -0.5, 0.9], [0.0, 0.0, 1.0]])
+POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.4, 1.2], [0.3, -0.5, 0.9], [0.0, 0.0, 1.0]])  # waypoints (m)
 PATH = minimum_snap(POINTS, np.array([0.0, 1.3, 2.9, 4.4]))
 
 
@@ -63,7 +63,7 @@ def test_rounded_and_held_values_hardly_change_the_path(velocity):
     found = logged_reference(cut, rest=1.0)
     assert distance(found, PATH, 1.0, delay=0.008) < 1.1e-3
     assert found.deviation < 2e-3
-    # If the delay were ignored, the error would be the distance travelled during half a hold.
+    # If the delay were ignored, the error would be the distance travelled during half of the hold time.
     assert distance(found, PATH, 1.0) > 5e-3
 
 
@@ -189,7 +189,7 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
     found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # The path has the smallest number of knots with a spacing of at most the given one.
+    # The path has as few knots as the given largest spacing allows.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):
@@ -361,7 +361,7 @@ def test_a_slowly_logged_reference_is_recovered_without_a_delay(period, velocity
     assert (found.start, found.end) == (1.0, pytest.approx(rested.time[-1], abs=period))
     time = np.linspace(1.0, 1.0 + record.time[-1] - 0.3, 300)
     error = evaluate(route_path(found.route), time + 1.0) - evaluate(path, time - 1.0)
-    # A path through the middle of each hold would be late by half a period, which is 4 to 9 cm at 0.9 m/s.
+    # A path through the middle of each held value would be late by half a period, which is 4 to 9 cm at 0.9 m/s.
     assert np.abs(error).max() < 5e-3
 
 
@@ -378,7 +378,7 @@ def test_velocities_that_contradict_the_positions_are_ignored_and_reported():
 
 
 def test_equal_samples_of_a_slow_reference_all_count():
-    """The reference logs three equal values at rest, and then moves."""
+    """The log contains three equal samples of the reference at rest, before the reference moves."""
     time = 0.02 * np.arange(50)
     place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
     record = FlightRecord(
@@ -431,7 +431,7 @@ def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind
 
 
 def test_the_reference_of_a_shipped_ulog_is_a_path_with_small_accelerations(root):
-    """PX4 logs set-points at 5 Hz; they climb at 1 m/s, and descend at 0.7 m/s until the landing."""
+    """PX4 logs setpoints at 5 Hz. They climb at 1 m/s, and descend at 0.7 m/s until the landing."""
     record = read_log(root / "tests/data/px4/sample_px4_events.ulg.xz")
     assert record.reference_period == pytest.approx(0.2, rel=0.05)
     part = free_flight(record)

@@ -103,7 +103,7 @@ def test_windows_that_touch_a_gap_are_left_out():
     np.testing.assert_array_equal(grid.with_stride(7).starts(20), starts[::7])
 
 
-def test_a_stride_selects_every_nth_window_and_does_not_change_it():
+def test_a_stride_of_three_selects_every_third_window():
     grid = _on_grid({**flight(), "reference_velocity": flight()["velocity"]}, TIME)
     strided_pairs = _pairs(grid.with_stride(3))
     for compare, pair in _pairs(grid).items():
@@ -120,7 +120,7 @@ def test_a_log_with_a_repaired_fault_is_compared_like_a_correct_log(without):
     _pairs(grid)
     for fault in faults(grid.signals):
         repaired, fresh = grid.repaired(fault), _on_grid(signals, time).repaired(fault)
-        # Some pairs are missing if the repaired velocity hardly varies.
+        # Signals that need motion are not compared if the repaired velocity hardly varies.
         pairs, others = _pairs(repaired), _pairs(fresh)
         assert pairs.keys() == others.keys()
         for compare, pair in pairs.items():
@@ -175,7 +175,7 @@ def test_the_disagreement_of_equal_signals_is_zero_and_of_opposite_signals_two()
     for centred, expected in ((True, 0.0), (False, 0.9)):
         pair = _Pair("specific_force", "gravity", one, one + 9.8, 0.5, ("x",), centred=centred)
         assert pair.disagreement()[0] == pytest.approx(expected, abs=0.1)
-    # The size is the larger of both RMS values, without the largest tenth of each signal.
+    # The amplitude of a pair is the larger of its two RMS values, without the largest tenth of each signal.
     spikes = np.where(np.arange(5000)[:, None] % 20 == 0, 100.0, 0.1)
     for threshold, excited in ((0.09, True), (0.11, False)):
         pair = _Pair("velocity", "", np.zeros((5000, 1)), spikes, threshold, ("x",), centred=False)
@@ -289,7 +289,7 @@ def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
     velocity[:, :2] = scipy.integrate.cumulative_simpson(GRAVITY * np.tan(tilt), x=TIME, axis=0, initial=0.0)
     velocity -= velocity.mean(axis=0)
     position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)
-    # The thrust is along (tan x, tan y, 1).
+    # The attitude is chosen so that the thrust is parallel to (tan(tilt_x), tan(tilt_y), 1).
     attitude = np.zeros((len(TIME), 3))
     attitude[:, 1] = tilt[:, 0]
     attitude[:, 0] = -np.arctan(np.tan(tilt[:, 1]) * np.cos(tilt[:, 0]))
@@ -342,7 +342,7 @@ def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitu
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
-    """A level vehicle is pushed, and its accelerometer is late or early."""
+    """A horizontal force accelerates a level vehicle, and the log of its accelerometer is late or early."""
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     acceleration, velocity = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 3))
     acceleration[:, axis] = np.sin(phases).sum(axis=1)
@@ -370,7 +370,8 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     else:
         assert remarks == []
     assert list(_shift(pair, PERIOD, np.array([False]))) == []
-    # Each of eight parts has 25 windows after the windows within the largest shift of both ends are removed.
+    # A shift is estimated in eight parts with 25 windows each. Windows closer to an end than the largest shift are left
+    # out.
     for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
         short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
@@ -394,7 +395,8 @@ def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_erro
     """The eight parts have shifts of 100 ms + d and 100 ms - d, whose mean has a standard error of d / √7."""
     scatter = math.sqrt(7.0) * 0.075 / sigmas
     time = PERIOD * np.arange(-200.0, 4260.0)
-    # The log has parts of 5 s. At the end of each part, the time shift changes linearly.
+    # The log has parts of 5 s. The time shift is constant in each part, except for linear transitions between the
+    # parts.
     begins = 0.3 + 5.0 * np.arange(9)
     shifts = 0.1 + scatter * np.where(np.arange(8) % 2, 1.0, -1.0)
     shift = np.interp(time, np.sort([*(begins[:-1] + 0.3), *(begins[1:] - 0.3)]), np.repeat(shifts, 2))
@@ -467,7 +469,7 @@ def sized(values, size):
         ("specific_force", 0.2, "the acceleration and the tilt"),
     ],
 )
-def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
+def test_signals_contradict_each_other_if_one_varies_by_twice_the_threshold(
     name, threshold, other, multiple, contradicts
 ):
     """The motions are slow, so averaging over 0.2 s hardly changes them.
@@ -498,7 +500,7 @@ def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
         ("body_rate_command", "body_rates", 0.1),
     ],
 )
-def test_a_wrong_sign_of_a_command_is_named_if_it_moves_by_its_threshold(signal, other, threshold, multiple):
+def test_a_wrong_sign_of_a_command_is_named_if_the_command_varies_by_the_threshold(signal, other, threshold, multiple):
     motion = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
     remarks = list(inconsistencies({signal: motion * [-1.0, 1.0, 1.0], other: motion}, TIME))
     assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
@@ -508,7 +510,7 @@ def test_a_wrong_sign_of_a_command_is_named_if_it_moves_by_its_threshold(signal,
 
 
 @pytest.mark.parametrize("multiple", [0.9, 1.1])
-def test_a_wrong_sign_of_a_derivative_or_of_a_tilt_is_named_if_it_moves_by_its_threshold(multiple):
+def test_a_wrong_sign_of_a_derivative_or_a_tilt_is_named_if_the_signal_varies_by_the_threshold(multiple):
     phases = np.outer(TIME, [0.5, 0.7, 0.4])
     velocity = sized(np.sin(phases), multiple * 0.05)
     position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)

@@ -73,7 +73,7 @@ def test_a_record_has_the_samples_at_which_all_signals_are_known():
         "the first 2.05 s are left out: position is not logged yet",
         "the last 1.45 s are left out: velocity is no longer logged",
     ]
-    # The record begins with the last signal that starts, except slow signals. A command that ends early is held.
+    # The record begins when all signals have started; slow signals may start later. A command that ends early is held.
     held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
     inside, remarks = conversion._common_samples([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
     np.testing.assert_array_equal(inside, clock >= 3.0)

@@ -1,4 +1,5 @@
-"""Logs of Crazyflies: written values are read in SI units and record frames, and real flights agree with physics."""
+"""Logs of Crazyflies: values are converted to SI units and the frames of this library, and real flights agree with
+physics."""
 
 import lzma
 import math

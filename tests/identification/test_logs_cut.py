@@ -14,10 +14,10 @@ from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
 
-FILL_BYTES = [b"\0", b"\xff"]
+PADDING_BYTES = [b"\0", b"\xff"]
 NUM_SAMPLES = 40
 GYRO = [(f"gyro.{axis}", "f") for axis in "xyz"]
-# One of the two event types has the id 0xffff, which is also what a fill with 0xff contains.
+# One of the two event types has the id 0xffff, so padding with bytes 0xff looks like a record of this type.
 CRAZYFLIE = crazyflie_log(
     [(0xFFFF, "fixedFrequency", GYRO), (0, "other", [("foo.bar", "h")])],
     [
@@ -61,7 +61,7 @@ def unread(record):
     return [remark for remark in record.remarks if "not read: " in remark and "the last " in remark]
 
 
-@pytest.mark.parametrize("fill", FILL_BYTES)
+@pytest.mark.parametrize("fill", PADDING_BYTES)
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 40, 5_000, 400_000])
 @pytest.mark.parametrize("name", LOGS)
 def test_a_log_that_was_padded_at_a_loss_of_power_is_read_completely(read, name, count, fill):
@@ -85,7 +85,7 @@ def test_garbage_after_a_whole_log_is_left_out(read, name):
     assert "503 bytes" in remark or f"from byte {len(data):,} on" in remark
 
 
-@pytest.mark.parametrize("fill", [b"", *FILL_BYTES])
+@pytest.mark.parametrize("fill", [b"", *PADDING_BYTES])
 @pytest.mark.parametrize("name", LOGS)
 def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
     """The samples are the first ones of the complete log, and the cut loses at most one complete record."""
@@ -113,7 +113,7 @@ def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fill", FILL_BYTES)
+@pytest.mark.parametrize("fill", PADDING_BYTES)
 @pytest.mark.parametrize("file", ["px4/sample_px4_events.ulg.xz", "crazyflie/crazyswarm2/log100.xz"])
 def test_real_logs_are_read_when_padded_and_when_cut(read, file, fill):
     data = lzma.decompress((DATA / file).read_bytes())

@@ -21,7 +21,7 @@ def known() -> dict[str, Fault]:
     return {fault.text: fault for fault in found}
 
 
-def test_a_wrong_sign_names_its_axes(known: dict[str, Fault]) -> None:
+def test_the_description_of_a_wrong_sign_names_the_axes(known: dict[str, Fault]) -> None:
     for name, axes in AXES.items():
         signs = [fault for fault in known.values() if fault.text.startswith(f"the sign of {name} looks wrong")]
         assert len(signs) == 7
@@ -79,7 +79,7 @@ def test_a_wrong_unit_scales_all_axes(
     ],
 )
 def test_a_wrong_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
-    """`axes` contains the component of the correct signal, with its sign, for each axis of the faulty signal."""
+    """`axes` lists the components of the correct signal that the faulty signal contains as x, y and z."""
     for name in ("position", "velocity", "reference_position", "reference_velocity"):
         columns = dict(zip("xyz", SIGNALS[name].T, strict=True))
         wrong = np.column_stack([-columns[axis[1]] if axis[0] == "-" else columns[axis] for axis in axes])

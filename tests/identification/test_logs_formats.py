@@ -78,7 +78,7 @@ ARDUPILOT = dataflash_log(
 )
 
 
-def test_an_ardupilot_log_is_converted_to_record_frames_and_rotor_order(read):
+def test_an_ardupilot_log_is_converted_to_the_frames_and_rotor_order_of_this_library(read):
     """Half a turn about x converts NED to NWU.
 
     ArduPilot's rotors 1 to 4 are front right, back left, front left, back right.
@@ -372,9 +372,9 @@ def test_header_stamps_are_used_if_they_have_the_clock_of_the_recording(behind, 
 
 
 def content_of(*messages, error=None):
-    """Return the content of a bag whose messages, pairs of a topic and a number, are followed by an error.
+    """Return the content of a bag from its messages, each a pair of a topic and a number.
 
-    A message without a number cannot be decoded.
+    A message without a number cannot be decoded. Reading ends with the given error, if any.
     """
 
     def decoding(number):

@@ -110,7 +110,7 @@ def test_steps_up_to_eight_times_the_usual_ones_count_as_noise(ratio, said):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_too_few_positions_show_no_jump(count):
-    """A jump needs a step on each side."""
+    """A jump is a step that differs from the steps before and after it, which requires four positions."""
     time, place = path(count=count)
     place[2:, 0] += 9.0
     assert not list(position_jumps(time, place))
@@ -139,7 +139,7 @@ def test_a_vehicle_below_a_quarter_of_a_metre_may_not_have_flown(height, said):
 @pytest.mark.parametrize(
     ("moves", "away", "said"), [(1.0, 1.9, False), (1.0, 2.1, True), (3.0, 2.9, False), (3.0, 3.1, True)]
 )
-def test_a_reference_is_reported_if_it_is_farther_than_two_metres_and_than_the_extent_of_the_flight(moves, away, said):
+def test_a_reference_is_reported_if_its_distance_exceeds_two_metres_and_the_extent_of_the_flight(moves, away, said):
     time, place = path()
     place[:, 0] = np.linspace(0.0, moves, len(time))
     reference = place.copy()
@@ -167,7 +167,7 @@ def test_times_beyond_1e12_seconds_are_left_out():
 
 @pytest.mark.parametrize("name", ["imu", ""])
 def test_a_faulty_clock_is_reported_once_with_its_table(name):
-    """Commands have the time of writing, and measurements the time of sampling."""
+    """The time of a command is that of writing, and the time of a measurement is that of its sampling."""
     written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
     table = Table(name, written, {}, sampled)
     clocks = _Clocks()

@@ -93,7 +93,7 @@ def test_an_angle_is_interpolated_across_half_a_turn(write):
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_compressed_logs_are_read_and_cut_ones_up_to_the_cut(write, pack):
+def test_a_compressed_log_is_read_and_a_truncated_one_up_to_its_end(write, pack):
     rng = np.random.default_rng(1)  # incompressible values
     text = "t,x,y,z\n" + "".join(f"{i},{a},{b},{c}\n" for i, (a, b, c) in enumerate(rng.normal(size=(3000, 3))))
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
@@ -306,7 +306,7 @@ def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
         read_log(write("log", TABLE))
 
 
-def test_wind_follows_from_the_name_of_a_log_and_the_vehicle_from_its_mapping(write):
+def test_a_mapping_can_give_the_vehicle_and_the_wind_for_each_name_of_a_log(write):
     mapping = MAPPING.replace("  wind: {columns: [x, 0.5, 0.0], factor: [0.001, 1.0, 1.0]}\n", "")
     mapping += "wind_by_name: {gale: [-9, 1, 0.5], nogale: [0, 0, 0]}\nvehicle: vehicles/crazyflie.yaml\n"
     path = write("m.yaml", mapping)

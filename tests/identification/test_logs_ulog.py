@@ -1,4 +1,4 @@
-"""PX4's ULog: values in NED and FRD are read in the frames of a record, on one clock."""
+"""PX4's ULog: values in NED and FRD are converted to the frames of this library, and to one clock."""
 
 import sys
 from pathlib import Path
@@ -88,7 +88,8 @@ def test_frames_and_rotor_order_of_a_ulog_are_converted(read):
 
 
 def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(read):
-    """Measurements have the time of sampling, 2 ms before they are written, and commands the time of writing."""
+    """The time of a measurement is that of its sampling, 2 ms before it is written. The time of a command is that of
+    writing."""
     data = ulog(
         {
             "vehicle_local_position": (
@@ -245,7 +246,7 @@ def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
     assumed = read(ulog(motors))
     np.testing.assert_allclose(assumed.motor_command[0], [0.1, 0.4, 0.2, 0.3], rtol=1e-6)
     assert said(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed as in PX4's quad-x")
-    # Front left, back left, back right, front right.
+    # Positions of PX4's rotors 1 to 4: front left, back left, back right, front right.
     places = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
     parameters = {"CA_ROTOR_COUNT": 4}
     for i, (x, y) in enumerate(places):
@@ -289,7 +290,7 @@ def status(*values):
         (status(1, True, 0, False), {}, "a VTOL, by vehicle_status.is_vtol"),
     ],
 )
-def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_reported(read, topics, parameters, words):
+def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, topics, parameters, words):
     data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
         InputError, match=rf"log.ulg: is a log of {words}.*, not of a quadrotor; to read it, give a mapping"
@@ -334,7 +335,8 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
     ],
 )
 def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
-    """A record has the order front right, back right, back left, front left: PX4's rotors 1, 4, 2 and 3."""
+    """A record lists the motors in the order front right, back right, back left, front left: PX4's motors 1, 4, 2 and
+    3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
     assert said(record, words)
@@ -363,6 +365,7 @@ def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
 
 
+# Position (m) and velocity (m/s) in NED, four flags of valid components, and the flag of dead reckoning.
 VALID_POSITION_ROW = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
 
 

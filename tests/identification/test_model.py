@@ -29,8 +29,10 @@ from drake_quad.identification.windows import LogWindow, WindowSizes
 from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 
 PERIOD = 0.01  # s, sampling period
+# Position (m), roll, pitch and yaw (rad), velocity (m/s), and body rates (rad/s).
 STATE = State(1.0, -2.0, 3.0, 0.4, -0.5, 1.2, 0.6, -0.3, 0.2, 1.1, -0.7, 0.4)
-SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)
+SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)  # rad/s
+# Force (m/s²) along x, y, z, torque (rad/s²) about x, y, z, and constant force (m/s²) along x, y.
 DISTURBANCE = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
 NO_DISTURBANCE = Disturbance(*(0.0,) * NUM_DISTURBANCE)
 LEVEL, STILL = Attitude(0.0, 0.0, 0.0), Wind(0.0, 0.0, 0.0)
@@ -58,7 +60,8 @@ def in_world():
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, kind):
-    """An acceleration a displaces the vehicle by a h²/2, along the axes of W or of the body at the start."""
+    """In a step of duration h, an acceleration a displaces the vehicle by a h²/2, along axes of W or initial axes of
+    the body."""
     h = 0.02
     quiet, pushed = (
         np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind)[0])

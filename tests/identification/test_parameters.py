@@ -67,7 +67,7 @@ def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool
         ({"attitude"}, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
         # An accelerometer determines only the product of drag and velocity if no position is measured.
         (IMU, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
-        # Heights determine no rotation.
+        # A log of heights determines no parameter of the rotation.
         ({"position"}, [*ROTOR_PARAMETERS, "linear_drag"]),
     ],
 )
@@ -208,13 +208,13 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
         assert other[name].scale == pytest.approx(2.0 * found[name].scale), name
     for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE):
         assert other[name].scale == pytest.approx(3.0 * found[name].scale)
-        # The centre of mass is between the rotors.
+        # The prior is narrow enough that the centre of mass is very likely between the rotors.
         assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
     # The prior does not depend on an accelerometer.
     without = found_in(full, POSE)
     for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
         assert without[name].scale == found[name].scale
-    # The prior standard deviation of a large drag is its value.
+    # The prior standard deviation of a large drag equals the drag itself.
     assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity
     # If the data sheet contains no drag, the prior assumes that the drag at 8 m/s is less than the weight.
@@ -237,5 +237,5 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
         [0.25 * throttles.vehicle.mass * gravity] * 3
     )
     assert [found[name].scale < 0.1 for name in MARKER_MISALIGNMENT] == [True, True]
-    # The prior standard deviation of a drag on the data sheet is its value.
+    # If the data sheet contains a drag, the prior standard deviation equals this drag.
     assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].scale == 0.1

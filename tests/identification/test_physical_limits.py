@@ -6,8 +6,8 @@ import pytest
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.physical_limits import SearchVariables
 
-MOMENTS = np.array([0.3, 0.5, 0.9])
-INERTIA = MOMENTS.sum() - MOMENTS
+SECOND_MOMENTS = np.array([0.3, 0.5, 0.9])
+INERTIA = SECOND_MOMENTS.sum() - SECOND_MOMENTS
 CURVE = np.array([0.1, 0.7, 2.0])
 
 
@@ -34,7 +34,7 @@ def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve(
     found = SearchVariables.of(parameters)
     values = values_of(parameters)
     variables = variables_by_name(parameters, found.matrix @ values)
-    np.testing.assert_allclose([variables[f"inertia[{i}]"] for i in range(3)], MOMENTS)
+    np.testing.assert_allclose([variables[f"inertia[{i}]"] for i in range(3)], SECOND_MOMENTS)
     k_0, k_1, k_2 = CURVE
     assert [variables[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([k_0, k_1, k_1 + 2.0 * k_2])
     assert (variables["rotor_time_constant"], variables["centre_of_mass[0]"]) == (0.05, 0.01)
@@ -117,5 +117,5 @@ def test_a_parameter_is_at_its_limit_within_a_thousandth_of_its_scale() -> None:
         high = {"motors.curve[0]": 0.75 - 1.5 * distance}
         assert limited(**high) == ({"motors.curve[0]"} if at_limit else set())
     # The body has no extent along z, and the derivative of the thrust is zero at full throttle.
-    assert limited(**{"inertia[0]": MOMENTS[1], "inertia[1]": MOMENTS[0]}) == set()
+    assert limited(**{"inertia[0]": SECOND_MOMENTS[1], "inertia[1]": SECOND_MOMENTS[0]}) == set()
     assert limited(**{"motors.curve[2]": -0.5 * CURVE[1]}) == set()

@@ -113,7 +113,7 @@ def test_gains_filter_and_delay_of_the_log_are_recovered(vehicle):
 
 
 @pytest.mark.long
-def test_a_limit_of_the_error_is_found_and_the_fraction_of_samples_at_it_reported(vehicle):
+def test_a_limit_of_the_position_error_is_found_with_the_fraction_of_limited_samples(vehicle):
     record = flown(vehicle, filter_time=0.0, limit=0.12)
     law = identify_position_law([record], vehicle)
     beyond = np.abs(record.reference_position - record.position) > 0.12
@@ -229,7 +229,7 @@ def test_the_integral_of_px4_is_found_while_its_anti_windup_is_active(vehicle):
     for axis in range(3):
         gains, explained = regression_of(record, vehicle, "decoupled", axis)
         assert explained > 0.99999
-        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # the controller sums over samples
+        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # flown as a sum, fitted as an integral
 
 
 def test_rounded_signals_do_not_bias_the_delay(vehicle):

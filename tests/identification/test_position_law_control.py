@@ -39,13 +39,13 @@ def test_a_pd_has_the_gains_of_each_axis_to_five_digits():
     }
 
 
-def test_no_sample_is_at_the_error_limit_of_a_law_without_one():
+def test_a_law_without_an_error_limit_has_no_sample_at_the_limit():
     for axis in law_of(PD_GAINS, PD_GAINS, PD_GAINS).axes:
         assert axis.at_error_limit == 0.0
         assert axis.gain("error_limit") == 0.0
 
 
-def test_a_pid_has_an_integral_on_the_axes_that_have_one():
+def test_a_pid_has_an_integral_on_each_axis_whose_law_has_one():
     control = control_of(PD_GAINS, PD_GAINS | {"integral": 2.0}, PD_GAINS | {"integral": -0.0001})
     assert control["position"]["kind"] == "pid"
     assert control["position"]["k_i"] == [0.0, 2.0, 0.0]
@@ -70,8 +70,8 @@ def test_an_integral_gain_that_may_be_zero_is_left_out(integral, kind):
     ("reference_velocity", "derivative", "fraction"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
-        # The ratio of the reference velocity gain to the velocity gain, 3, becomes 0 or 1 if it differs by less than 5
-        # % or its half-width.
+        # The velocity gain is 3. The ratio of the reference velocity gain to it becomes 0 or 1 if it differs from this
+        # number by less than 5 %, or by less than its own half-width.
         ((0.14, 1e-3), "measurement", 0.0),
         ((-0.14, 1e-3), "measurement", 0.0),
         ((0.16, 1e-3), None, 0.16 / 3.0),

@@ -59,8 +59,8 @@ def smoothed(values):
     return values
 
 
-def all_of_five(mask):
-    """Return a mask of the samples for which this sample and its two neighbours on each side count."""
+def counts_with_neighbours(mask):
+    """Return a mask of the samples that count together with their two neighbours on each side."""
     found = mask.copy()
     for distance in (1, 2):
         found[distance:] &= mask[:-distance]
@@ -245,7 +245,7 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
-    np.testing.assert_array_equal(piece.counted[:500], all_of_five(usable))
+    np.testing.assert_array_equal(piece.counted[:500], counts_with_neighbours(usable))
 
 
 def test_logs_without_motion_are_refused(vehicle):
@@ -305,7 +305,7 @@ def test_a_command_perpendicular_to_the_measured_thrust_causes_no_division_by_ze
     np.testing.assert_allclose(decoupled[:, 2], 10.0 * axis[:, 2] - 9.81)
 
 
-def test_specific_thrust_follows_from_newtons_from_the_hover_thrust_or_from_the_median_command(vehicle):
+def test_specific_thrust_follows_from_a_thrust_in_newtons_or_a_hover_thrust_or_the_median_command(vehicle):
     gravity, mass = vehicle.nominal.gravity, vehicle.nominal.mass
     fraction = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
     usable = fraction > 0.0
@@ -361,7 +361,8 @@ def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme()
 
     def found(here, beside, usable=None):
         thrust = np.where(at_end < here, 1.0, spread)
-        # The bin at the limit is 0.5 % of the range of 1.5 wide.
+        # The thrust has a range of 1.5. Samples count as at the limit within 0.5 % of this range, and as near it within
+        # 1 %.
         thrust = np.where((at_end >= here) & (at_end < here + beside), 1.0 - 1.5 * 0.0075, thrust)
         return limited(usable, thrust=thrust).sum()
 
@@ -383,7 +384,7 @@ def test_a_constant_command_is_not_at_a_limit():
 
 @pytest.mark.parametrize(("seconds", "expected"), [(10.0, 15), (29.0, 15), (32.0, 16), (43.2, 22)])
 def test_blocks_of_two_seconds_have_equal_numbers_of_counted_samples(vehicle, seconds, expected):
-    """There are at least fifteen blocks, in the order of flight."""
+    """There are at least fifteen blocks, in the order of time."""
     time = PERIOD * np.arange(1200)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     count = round(seconds / PERIOD / 4)

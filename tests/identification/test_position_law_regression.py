@@ -288,7 +288,7 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
         # The sum of squared residuals must fall by at least a fifth.
         (2000, 0.79, 1.0, True),
         (2000, 0.81, 1.0, False),
-        # The logarithm of the ratio, times the number of samples, must exceed 10.83.
+        # The number of samples times the logarithm of the ratio must exceed 10.83, the critical value of χ² at 99.9 %.
         (24, np.exp(-10.9 / 24), 1.0, True),
         (24, np.exp(-10.7 / 24), 1.0, False),
         # The interval of the parameter must not contain zero.
@@ -381,8 +381,8 @@ def test_intervals_add_the_bias_of_signal_errors_and_of_the_integration_rule_to_
     of_position = np.abs(model @ with_position) / (named["position"] + named.get("deviation", 0.0))
     of_velocity = np.abs(model[:, 1]) / named["velocity"]
     bias = len(fit.residuals) * np.maximum(of_position, of_velocity) + rule_bias(named)
-    # The derivative with respect to the delay is from interpolated samples, so it depends on the size of the
-    # difference.
+    # The tolerance allows for the derivative with respect to the delay. It is a difference between interpolated
+    # samples, and depends on the step.
     np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
     np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
 

@@ -33,7 +33,8 @@ def scenario(root):
     overrides = (
         "duration=10",
         "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
-        # These values make the effect of a command visible after one camera frame, which is the delay of the scenario.
+        # With the next three values, the effect of a command is visible after one camera frame, which is the delay of
+        # the scenario.
         "laboratory.motion_capture.period=0.01",
         "laboratory.command_link.delay_ticks=0",
         "laboratory.command_link.loss_rate=0",
@@ -173,7 +174,7 @@ def of_errors(errors, names=("one", "other"), *, horizon=0.5, quantity="position
     return Predictions(names, (horizon,), np.array(["a"] * count), np.arange(1.0 * count), {quantity: errors[:, None]})
 
 
-def test_certain_losses_against_simple_predictors_state_quantity_and_horizon():
+def test_a_vehicle_that_certainly_predicts_worse_than_simple_motion_is_reported():
     sure = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
     errors = np.stack([2.0 * sure, sure, 3.0 * sure])
     names = ("mine", *PREDICTORS_WITHOUT_MODEL)
@@ -298,7 +299,7 @@ def test_starts_are_a_tenth_of_a_second_apart_and_leave_time_for_filter_and_hori
     # Each sample is a start at two samples per second.
     slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
     assert (slow[0], set(np.diff(slow))) == (6, {1})
-    # The parabola may need more time than the filter.
+    # A parabola through many samples may need more time before a start than the filter.
     assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
     gapped = log.subset((log.time < 2.0) | (log.time > 2.3))
     starts = prediction._starts(gapped, 6, (0.2,), 1.0)
@@ -394,7 +395,7 @@ def test_motion_at_a_start_is_fitted_to_fifty_milliseconds_or_four_samples(scena
     assert given == [(samples, 0.3)]
 
 
-def test_the_interval_of_a_sum_follows_from_independent_blocks():
+def test_the_interval_of_a_mean_follows_from_independent_blocks():
     totals = np.array([1.0, -2.0, 0.5, 3.0])
     expected = quantile(3) * math.sqrt(4.0 / 3.0 * np.sum(totals**2))
     assert len(totals) * prediction._half_width(totals, np.arange(len(totals))) == pytest.approx(float(expected))

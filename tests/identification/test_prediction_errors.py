@@ -126,9 +126,9 @@ def test_equivalent_axes_share_one_noise_parameter(scenario, log):
 
 
 def test_states_without_influence_on_the_outputs_are_left_out_of_the_filter(scenario, log):
-    """Positions are states if they are outputs, yaw if attitudes are outputs.
+    """The state contains positions if they are outputs, and the yaw if attitudes are outputs.
 
-    Velocities and disturbing forces are states if positions or specific forces are outputs.
+    It contains velocities and disturbing forces if positions or specific forces are outputs.
     """
     rates = [Output("body_rates", column) for column in range(3)]
     for outputs, left_out in (
@@ -140,7 +140,7 @@ def test_states_without_influence_on_the_outputs_are_left_out_of_the_filter(scen
         assert {*made(scenario, log, outputs).rows.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
-def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_position(scenario, log):
+def test_a_filter_of_heights_has_only_the_vertical_motion_and_a_filter_of_velocities_no_position(scenario, log):
     log = replace(log, velocity=np.zeros((200, 3)))
     assert made(scenario, log, [Output("position", 2)]).rows.tolist() == [2, 8, 14]
     velocities = [Output(signal, column) for signal in ("attitude", "velocity") for column in range(3)]
@@ -178,7 +178,7 @@ def test_the_predicted_attitude_is_that_of_the_marker_frame(log, values):
 def test_an_open_loop_prediction_begins_at_the_last_measurement_of_the_filter(scenario, log, values, split):
     """The gains are zero after this measurement.
 
-    A prediction without a disturbance lacks its force and torque from the first step on.
+    The two predictions, without and with the disturbance, differ by its force and torque from the first step on.
     """
     predictor, noise = made(scenario, log, split=split), noise_of(POSE)
     gains = predictor.gains(values, noise)

@@ -192,7 +192,7 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
     assert not converted(fraction, attitudes.model_copy(update={"nominal": nominal}))
     assert not converted(pushed)
     assert not converted(replace(pushed, hover_thrust_fraction=np.full(50, 0.4)))
-    # A logged specific force has priority, and without an attitude, the axes of the force are unknown.
+    # A logged specific force has priority. The axes of the residual force are unknown if no attitude is logged.
     assert not converted(replace(fraction, specific_force=np.zeros((50, 3))))
     assert not converted(replace(fraction, attitude=None))
     assert not converted(replace(fraction, residual_force=None))

@@ -1,4 +1,5 @@
-"""Parameters that vary between stretches of flight: closed forms, refits, and coverage of intervals."""
+"""Parameters that vary between stretches of flight: tests with known solutions, refits of single stretches, and the
+coverage of intervals."""
 
 import numpy as np
 import pytest
@@ -249,7 +250,7 @@ def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_
         scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
     )
     mean = FlightSegments.of(apart).uncertainty()
-    # The estimate does not change when another block is left out, so the model determines its variance.
+    # The estimate does not depend on the other blocks, so its variance is the variance for a correct model.
     assert mean.covariance[1, 1] == pytest.approx(1.0 / apart.information[:, 1, 1].sum())
     assert mean.degrees_of_freedom[1] == 1.0
     drag = apart._replace(

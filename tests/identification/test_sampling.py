@@ -84,7 +84,7 @@ def test_only_on_board_sensors_are_used_if_clocks_drift():
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
-def test_a_constant_shift_is_not_taken_for_a_drift():
+def test_a_constant_shift_is_not_taken_for_a_clock_drift():
     """Body rates that lag may be derived from the attitude."""
     record = rolling(np.full(20, -0.03))
     assert synchronise([record]) == ([record], False, [])
@@ -96,12 +96,12 @@ def test_an_attitude_that_lags_the_gyroscope_counts_as_estimated():
     assert kept is record
     assert late
     assert remark.startswith("the attitude lags the body rates by 7 ms")
-    # A late attitude is used if there are no alternative signals.
+    # An attitude that lags is still used if no other signals are logged.
     bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
     assert synchronise([bare]) == ([bare], False, [])
 
 
-def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
+def test_a_clock_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
     record = rolling(CLOCK_SHIFTS, lost=("specific_force",))
     kept, late, (remark,) = synchronise([record])
     assert kept == [record]
@@ -112,7 +112,8 @@ def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
 @pytest.mark.parametrize(
     ("shifts", "drifts"),
     [
-        # A drift is found in at least four parts whose shifts have a standard deviation of at least 8 ms.
+        # A clock drift is found in at least four parts of a log, if their shifts have a standard deviation of at least
+        # 8 ms.
         ([[0.01, -0.01, 0.01]], False),
         ([[0.01, -0.01, 0.01, -0.01]], True),
         ([[0.0078, -0.0078] * 4], False),
@@ -124,7 +125,7 @@ def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
         ([[], []], False),
     ],
 )
-def test_a_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkeypatch, shifts, drifts):
+def test_a_clock_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkeypatch, shifts, drifts):
     records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
     parts = iter(shifts)
     monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
@@ -200,7 +201,7 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
     assert [*distorted] == ["inertia[0]", "rotor_time_constant", "rotor_time_constant_down"]
     assert "(rolling)" in distorted["inertia[0]"]
     assert distorted_parameters([smooth, common], parameters, torque) == {}
-    # A disturbing force does not replace a torque, so no commands are missing.
+    # Missing commands cause a disturbing torque. A disturbing force alone does not indicate missing commands.
     assert (
         distorted_parameters([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3]))
         == {}

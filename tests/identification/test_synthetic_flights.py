@@ -114,7 +114,8 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         thrust, inertia, delay = rows
         assert thrust == CheckedParameter("thrust_factor", vehicle_value(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
         assert inertia == CheckedParameter("inertia[1]", vehicle_value(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
-        # Cameras deliver the state one frame (10 ms) late; the command in a row was applied during the preceding 20 ms.
+        # Cameras deliver the state one frame (10 ms) late. A row of the log contains the command that was applied
+        # during the preceding 20 ms.
         frames = flown.laboratory.motion_capture.latency_frames
         assert delay == CheckedParameter(
             synthetic_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
@@ -128,7 +129,7 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         assert options == {"held_out_fraction": 0.0}
 
 
-def test_the_identified_log_has_the_rows_that_its_condition_requires(diagrams, monkeypatch):
+def test_the_identified_log_has_the_sample_rate_of_its_condition(diagrams, monkeypatch):
     """A slow log contains every fifth sample."""
     logs = []
 

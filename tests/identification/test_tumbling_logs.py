@@ -13,7 +13,7 @@ from drake_quad.identification.windows import LogWindow, WindowSizes
 
 PERIOD = 0.01  # s, sampling period
 DURATION = 1.0  # s, duration of each flight
-COMMAND = np.array([196.0, 203.0, 199.0, 201.0])
+COMMAND = np.array([196.0, 203.0, 199.0, 201.0])  # rad/s, speeds of the rotors
 
 
 @pytest.fixture(scope="module")

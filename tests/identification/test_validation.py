@@ -23,7 +23,7 @@ ROUTE = (
     " top_speed: null, top_acceleration: null}"
 )
 RANDOM_MASS = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
-REST_DURATION = 2.0
+REST_DURATION = 2.0  # s, hover before the log
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, f
     """One predicted vehicle crashes during the log, and another before the log begins."""
     for crash, there in ((0.05, ["flown", "predicted"]), (1e-9, ["flown"])):
         limits = scenario.crash.model_copy(update={"position_error": crash})
-        fragile = scenario.model_copy(update={"crash": limits, "vehicle": unlike(scenario.vehicle)})
+        fragile = scenario.model_copy(update={"crash": limits, "vehicle": slightly_heavier(scenario.vehicle)})
         found = compare_with_log(flown, fragile, samples=1, rest=REST_DURATION)
         assert found.crashes == 1
         flights = flights_to_compare(found)
@@ -211,7 +211,7 @@ def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, f
         np.testing.assert_array_equal(flights["flown"]["state"][:, :3], flown.position)
 
 
-def unlike(vehicle):
+def slightly_heavier(vehicle):
     """Return the vehicle with 1 % more mass, so that it flies slightly lower."""
     return vehicle.model_copy(update={"mass": 1.01 * vehicle.mass})
 

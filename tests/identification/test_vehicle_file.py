@@ -43,7 +43,7 @@ NEGATIVE_DRAG = "body_drag.linear[1]"
 
 
 def correlated(count):
-    """Return random correlations; the thrust curve has strong ones, as after a fit around hover."""
+    """Return random correlations. Those of the thrust curve are strong, as after a fit around hover."""
     shape = np.random.default_rng(4).normal(size=(count, count + 8))
     shape[5] = 0.05 * shape[5] - shape[6]
     covariance = shape @ shape.T
@@ -156,7 +156,7 @@ def test_the_comment_on_a_variation_between_flights_refers_to_another_flight(bas
     assert "in another 8.2 s" not in text
 
 
-def test_an_unknown_variation_is_not_claimed_in_the_comment(base, tmp_path):
+def test_an_unknown_variation_is_not_mentioned_in_the_comment(base, tmp_path):
     found = {name: CRAZYFLIE_ESTIMATES[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
     assert "uncertainty of a parameter. Fields" in text
@@ -194,7 +194,8 @@ def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
 
 
 def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
-    """Otherwise, the nominal curve of a base with rotor speeds has the full thrust at full throttle."""
+    """By default, if the motors of the base vehicle take rotor speeds, the nominal curve only has their full thrust at
+    full throttle."""
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
     )
@@ -220,7 +221,7 @@ def test_a_vehicle_that_takes_rotor_speeds_gets_throttle_motors(root, tmp_path):
     assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * 0.32
 
 
-def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
+def test_a_thrust_curve_is_written_with_its_voltage(base, tmp_path):
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
     )
@@ -355,7 +356,8 @@ def test_a_study_draws_from_its_distributions(loop, vehicle):
 
 
 def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
-    """The fields that it requires are added, and those that it includes are removed."""
+    """Fields that the response requires are added to the file. Effects that it includes, such as the reaction torque,
+    are switched off."""
     found = {
         f"autopilot.{name}[{axis}]": (9.0 + axis, 0.2) for name in ("natural_frequency", "damping") for axis in range(3)
     }
@@ -370,7 +372,7 @@ def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
     with pytest.raises(InputError, match=r"autopilot\.damping must also be estimated"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
     with pytest.raises(
-        InputError, match=r"autopilot\.damping\[2\] must also be estimated: the extended vehicle has no such parameter"
+        InputError, match=r"autopilot\.damping\[2\] must also be estimated: the base vehicle has no such parameter"
     ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
@@ -445,7 +447,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[2] must also be estimated: the extended vehicle has no such parameter",
+            "motors.curve[2] must also be estimated: the base vehicle has no such parameter",
         ),
     ],
 )
@@ -530,7 +532,7 @@ def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, 
     "unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")]
 )
 def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_path, unknown):
-    """A curve is written as a whole, since its coefficients are correlated, unless none of them is identified."""
+    """The curve is an exception: its coefficients are correlated, so all of them are written if one is identified."""
     sheet = load_undesigned(base)
     found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
     curve = {f"motors.curve[{index}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{index}]"] for index in range(3)}

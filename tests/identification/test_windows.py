@@ -187,7 +187,7 @@ def test_the_periods_of_logs_may_differ_by_at_most_a_tenth() -> None:
             common_period(logs(0.01, 0.01, odd))
 
 
-def test_wrapped_angles_are_the_same_angles() -> None:
+def test_wrapping_changes_an_angle_by_a_multiple_of_a_full_turn() -> None:
     angles = np.linspace(-20.0, 20.0, 999)
     found = wrapped_angles(angles)
     assert np.abs(found).max() <= np.pi
@@ -195,7 +195,7 @@ def test_wrapped_angles_are_the_same_angles() -> None:
 
 
 def test_windows_of_several_logs_are_the_windows_of_each_log() -> None:
-    """A window with its settling time ends at the last sample but one at the latest."""
+    """A window ends before the last sample of a log."""
     sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
     found = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)

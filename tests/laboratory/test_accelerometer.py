@@ -39,7 +39,7 @@ def readings(parameters, state, speeds, duration=0.2, position=(0.0, 0.0, 0.0)):
 
     Args:
         parameters: parameters of the vehicles.
-        state: (12, N) rows at the beginning.
+        state: (12, N) states at the beginning.
         speeds: (4, N) speeds of the rotors during the whole flight, rad/s.
         duration: duration of the flights, s.
         position: position of the sensors in B, m.
@@ -131,7 +131,7 @@ def test_the_reading_in_a_coordinated_turn_is_the_thrust_divided_by_mass():
 
 
 def test_the_reading_follows_the_motion_of_the_sensor():
-    """The reading at r agrees with second differences in R' (d²/dt² (p + R r) + g Z) for motions p(t), R(t)."""
+    """For motions p(t), R(t), the reading is R' (d²/dt² (p + R r) + g Z), here computed by second differences."""
     rng = np.random.default_rng(3)
     path, angle_path = rng.uniform(-1.0, 1.0, (2, 3, 4))
 

@@ -42,7 +42,7 @@ def monitor_with_inputs(inputs, num_vehicles=1, **options):
     monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
     ticks = len(next(iter(inputs.values())))
     for name, values in inputs.items():
-        # Each row applies from half a period before its tick.
+        # Each row of the inputs applies from half a period before its tick.
         breaks = PERIOD * (np.arange(ticks + 1) - 0.5)
         rows = np.vstack([values, values[-1:]])
         source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, rows.T)))

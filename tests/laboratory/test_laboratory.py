@@ -49,7 +49,7 @@ def recorded_output(system, output, size, duration, period=0.005, column=0):
 
 
 def latest_sample_time(times, period):
-    """Return the latest multiple of the period before each time, when the sample was taken that an update reads."""
+    """Return the time of the sample that an update at each time reads: the latest earlier multiple of the period."""
     ticks = np.round(times / period, 6)
     return np.maximum(np.ceil(ticks) - 1, 0) * period
 
@@ -147,7 +147,7 @@ def test_default_crash_limits_agree_with_the_defaults_of_a_scenario():
 
 @pytest.mark.slow
 def test_measurements_and_wind_are_zero_before_a_simulation_begins():
-    """Only the initialization events take the first samples."""
+    """The first samples are taken by initialization events, which occur only when a simulation begins."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (
         MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, parameters=FILTERED_CAMERAS),

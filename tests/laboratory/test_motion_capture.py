@@ -198,7 +198,7 @@ def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
 
 
 def test_a_frame_without_errors_equals_the_state():
-    """This is exact even if the cameras have ports for noise and dropouts, and memory for delayed frames."""
+    """The values are exactly equal, even if the cameras have ports for noise and states for delayed frames."""
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
     time, ideal = measurements_of(state, MotionCapture(), duration=1.0)
@@ -275,7 +275,7 @@ def test_cameras_measure_the_attitude_of_the_markers():
         np.testing.assert_allclose(frames[:, i, -1], expected, atol=1e-14)
 
 
-def test_each_row_of_the_pose_has_independent_noise():
+def test_each_component_of_the_pose_has_independent_noise():
     noise = Pose(1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
     state = State(1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
     cameras = Cameras.of(CameraParameters(position_noise=0.1, attitude_noise=0.5))

@@ -59,7 +59,7 @@ def onboard(diagrams):
 @pytest.mark.long
 @pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
 @pytest.mark.parametrize("overrides", [[], IMPERFECT_OVERRIDES])
-def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, kind, overrides):
+def test_the_jacobian_of_a_loop_with_an_autopilot_matches_finite_differences(onboard, kind, overrides):
     """A control period has eight autopilot periods, and eight or sixteen time steps of the vehicle."""
     scenario = at_rest(onboard(*AUTOPILOT_OVERRIDES[kind], *overrides))
     diagram = build_tracking_diagram(scenario)
@@ -117,7 +117,7 @@ def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
 
 @pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
 def test_designed_poles_agree_with_the_whole_diagram(onboard, kind):
-    """The poles of the position loops around an autopilot are the multipliers of the whole diagram with these gains."""
+    """The poles of the position loops around an autopilot are Floquet multipliers of the whole diagram."""
     scenario = onboard(*AUTOPILOT_OVERRIDES[kind], *ASYMMETRIC_OVERRIDES)
     if kind == "attitude":
         scenario = with_autopilot_gains(scenario, ON_BOARD_GAINS)
@@ -138,7 +138,7 @@ def test_designed_poles_agree_with_the_whole_diagram(onboard, kind):
 
 @pytest.mark.slow
 def test_the_fastest_proportional_loop_within_its_margins_is_found(onboard):
-    """Without the hold, k / (s (T s + 1)) has the phase margin 60° for ω T = tan 30° and k = ω √(1 + ω² T²).
+    """Without the zero-order hold, k / (s (T s + 1)) has the phase margin 60° for ω T = tan 30° and k = ω √(1 + ω² T²).
 
     The hold adds a delay of h / 2.
     """
@@ -187,7 +187,7 @@ def test_loops_on_board_are_designed_within_their_margins_rate_loops_first(onboa
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_reproduced_by_their_documented_call(root, onboard, designed):
+def test_shipped_gains_are_the_result_of_the_command_in_their_file(root, onboard, designed):
     text = (root / "diagrams" / "gains" / "onboard.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
     assert command == ["design", "onboard", "--on-board"]
@@ -274,8 +274,8 @@ THROTTLE_OVERRIDES = [
 
 
 @pytest.mark.parametrize("motors", [[], THROTTLE_OVERRIDES], ids=["speed", "throttle"])
-def test_poles_of_the_map_on_board_agree_with_the_diagram_without_position_control(onboard, motors):
-    """The map is for the actual vehicle, not the nominal one. A tick has eight autopilot periods."""
+def test_poles_of_the_stability_map_agree_with_the_diagram_without_position_control(onboard, motors):
+    """The stability map is for the actual vehicle, not the nominal one. A tick has eight autopilot periods."""
     actual = [
         *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
         "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
@@ -299,7 +299,7 @@ def test_poles_of_the_map_on_board_agree_with_the_diagram_without_position_contr
 def test_the_stability_limit_of_the_attitude_on_board_agrees_with_routh(onboard):
     """Routh's criterion applies to s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude).
 
-    T is the rotor lag, and h / 2 is the delay of the hold.
+    T is the rotor lag, and h / 2 is the delay of the zero-order hold.
     """
     lag, hold = 0.05, 0.0025
     for k_rate in (4.0, 30.0):
@@ -310,7 +310,7 @@ def test_the_stability_limit_of_the_attitude_on_board_agrees_with_routh(onboard)
 
 
 @pytest.mark.long
-def test_each_point_of_the_simulated_map_on_board_is_a_separate_flight(onboard):
+def test_each_point_of_a_simulated_stability_map_is_a_separate_flight(onboard):
     short = ["duration=2", "crash.position_error=0.5"]
     k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])
     gain_map = simulated_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
@@ -323,13 +323,13 @@ def test_each_point_of_the_simulated_map_on_board_is_a_separate_flight(onboard):
     assert not gain_map.crashed.all()
 
 
-def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
+def test_a_vehicle_that_cannot_hover_has_no_stability_map(onboard):
     for loop in ("position", "attitude"):
         with pytest.raises(InputError, match="the rotors cannot hold onboard in hover: they would turn at 545 rad/s"):
             mapped_plant(onboard("vehicle.mass=5"), loop)
 
 
-def test_an_autopilot_of_kind_response_has_no_gains_to_map(onboard):
+def test_an_autopilot_of_kind_response_has_no_stability_map_of_its_gains(onboard):
     words = "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains"
     for function in (mapped_plant, mapped_gains):
         with pytest.raises(InputError, match=words):

@@ -29,7 +29,7 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
     single = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS)
     fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
     layout = ContextVector(fleet, without=PASSIVE_SYSTEMS)
-    # Both contexts have the same order of groups. In a fleet, each row of a group has N elements.
+    # Both contexts have the same order of state groups. In a fleet, each component of a group has N elements.
     assert len(layout.names) == n * N
     assert len(single.names) == n
     simulator = Simulator(fleet)
@@ -165,7 +165,7 @@ def test_small_displacements_match_the_linear_model(laboratory):
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
 
 
-def test_a_release_is_a_flight_that_starts_at_an_offset_from_the_reference(laboratory):
+def test_an_initial_response_is_a_flight_that_starts_at_an_offset_from_the_reference(laboratory):
     """The cameras measure the displacement from their first frame on, with or without latency."""
     offset = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
     for latency in (0, 2):

@@ -116,7 +116,7 @@ def test_the_vector_of_a_diagram_without_state_is_empty(nested):
     assert layout.read(nested, nested.CreateDefaultContext()).shape == (0,)
 
 
-def test_port_rows_are_named_after_the_fields_of_the_signal_or_numbered():
+def test_port_components_are_named_after_the_fields_of_the_signal_or_numbered():
     assert port_rows("state", 12)[:4] == ("state.x", "state.y", "state.z", "state.roll")
     assert port_rows("wrench", 4)[0] == "wrench.thrust"
     assert port_rows("statement", 1) == ("statement.0",)

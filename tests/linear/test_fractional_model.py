@@ -48,7 +48,7 @@ def test_the_errors_of_a_model_are_in_its_error_matrix():
 
 
 def test_a_poor_model_has_a_poor_bound():
-    # The loop is stable up to 0.9, and the model of second degree cannot follow the step.
+    # The loop is stable up to a parameter of 0.9. There A changes by a step, which a quadratic model cannot follow.
     points = fitting_points(1, np.random.default_rng(1))
     loops = (0.5 + 0.8 * (points > 0.9))[:, :, np.newaxis]
     assert fit_fractional_model(points, loops).bound().value > 1.0 / 0.9

@@ -8,6 +8,7 @@ from drake_quad.scenario.hovering import at_rest, symmetric_hover
 from drake_quad.scenario.paths import map_leaves
 
 FIELDS = ("vehicle.mass", "vehicle.rotor_time_constant", "laboratory.command_link.delay_ticks")
+# Values of `FIELDS` for three vehicles.
 VALUES = np.array([[0.68, 0.05, 1.0], [0.75, 0.04, 2.0], [0.61, 0.08, 0.0]])
 
 
@@ -16,7 +17,7 @@ def resting():
     return symmetric_hover(at_rest(load_scenario("hover")))
 
 
-def test_the_loops_of_a_fleet_are_those_of_their_scenarios(resting):
+def test_the_loops_of_a_fleet_equal_those_of_single_scenarios(resting):
     fleet = HoverFleet(resting, FIELDS)
     loops = fleet(VALUES)
     for row, loop in zip(VALUES, loops, strict=True):

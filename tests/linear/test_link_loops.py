@@ -33,7 +33,7 @@ def loaded(diagrams):
 
 
 def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
-    """Return the expected torque loop: a PD on the tilt, which a PD on the position commands, eq (7)."""
+    """Return the expected torque loop: a PD controller of the tilt inside a PD controller of the position, eq (7)."""
     torque, tilt, rate, inertia, sign = {
         "x": ("tau_y", "pitch", "q", 0.0085, 1.0),
         "y": ("tau_x", "roll", "p", 0.0065, -1.0),
@@ -46,7 +46,7 @@ def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
 
 
 def link_loop(scenario, row):
-    """Return the loop of a row of the command, with the nominal vehicle."""
+    """Return the loop of a component of the command, with the nominal vehicle."""
     return link_loops(nominal_hover(scenario))[row]
 
 
@@ -55,7 +55,7 @@ def responses(loop):
 
 
 @pytest.mark.slow
-def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_the_height(loaded):
+def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_contains_the_height(loaded):
     scenario = loaded(*ASYMMETRIC_OVERRIDES)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude

@@ -45,7 +45,7 @@ def grows(scenario, row, duration):
 
 
 def test_thrust_and_yaw_loops_have_their_designed_margins(laboratory):
-    """A design breaks the loop at the commanded acceleration, which is the link's signal for thrust and yaw."""
+    """A design breaks the loop at the commanded acceleration, which the command link carries for thrust and yaw."""
     scenario = laboratory()
     designed = design_cascade(scenario)
     margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))
@@ -75,7 +75,7 @@ def test_the_joint_disk_margin_is_at_most_that_of_each_loop_and_is_tolerated(asy
 
 
 def test_the_link_loops_of_a_scenario_with_an_autopilot_are_the_position_loops(diagrams):
-    """Roll and pitch on the link contain only the commanded acceleration. The yaw is controlled on board."""
+    """Roll and pitch on the command link contain only the commanded acceleration. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
     margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))

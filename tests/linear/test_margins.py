@@ -45,6 +45,7 @@ def is_stable(loop, factor=1.0, more_delay=0):
     return np.abs(np.linalg.eigvals(A - factor * B @ C)).max() < 1.0
 
 
+# Gains k_p and k_d.
 PD_GAINS = [(5.0, 4.0), (9.0, 6.0), (2.0, 1.0), (20.0, 8.0)]
 
 
@@ -78,7 +79,7 @@ def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
 
     Larger gains are unstable with this delay.
     """
-    low, high = 0.02, 50.0  # factors of the gains
+    low, high = 0.02, 50.0  # bounds of the factor by which the gains are multiplied
     grid = frequencies(PERIOD)
     for _ in range(60):
         middle = np.sqrt(low * high)
@@ -135,7 +136,7 @@ def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
 
 
 @pytest.mark.slow
-def test_the_delay_margin_of_a_resonance_with_more_than_a_turn_of_delay_is_the_rest_of_the_turn():
+def test_the_delay_margin_of_a_resonance_with_a_long_delay_ends_at_the_next_lower_odd_multiple_of_180_degrees():
     """A resonance at 4 rad/s has a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay.
 
     At both crossovers, the phase is far below -180°. The delay margin is the delay until the phase falls to the next
@@ -151,7 +152,8 @@ def test_the_delay_margin_of_a_resonance_with_more_than_a_turn_of_delay_is_the_r
     exact = margins(loop)
     assert exact.delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(exact.delay, rel=1e-3)
-    # The phase margin limits changes in both directions, so the nearest -180° counts, which is above the phase here.
+    # The phase margin holds for changes in both directions, so it is the distance to the nearest odd multiple of 180°,
+    # which is above the phase here.
     assert exact.phase == pytest.approx(phase, abs=0.05)
     assert fast.phase == pytest.approx(phase, abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
@@ -194,7 +196,7 @@ def test_a_pole_may_cross_the_unit_circle_at_minus_one():
 
 @pytest.mark.parametrize(("k_p", "k_d"), PD_GAINS)
 def test_crossover_bandwidth_and_peaks_match_direct_evaluation(k_p, k_d):
-    """L is evaluated by elimination at each frequency, and SciPy finds its crossings and maxima."""
+    """L is evaluated by solving linear equations at each frequency, and SciPy finds its crossings and maxima."""
     loop, exact = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
 
     def L(frequency):
@@ -371,7 +373,7 @@ def test_fast_margins_of_loops_without_crossings_are_infinite():
 
 @pytest.mark.parametrize("turns", np.linspace(0.02, 0.98, 10))
 @pytest.mark.parametrize("steepness", [-7.0, 7.0])
-def test_fast_margins_are_exact_for_a_linear_logarithm_of_the_response(turns, steepness):
+def test_fast_margins_are_exact_if_the_logarithm_of_the_response_is_linear(turns, steepness):
     """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns) has magnitude one and the phase `turns` at ω_c."""
     crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
     # The phase changes by two radians from one frequency to the next.

@@ -68,7 +68,7 @@ def test_a_trim_has_the_payload_at_the_beginning_of_a_flight(asymmetric_vehicle)
 @pytest.mark.parametrize(
     "effects", [MANY_EFFECTS, MANY_EFFECTS._replace(payload=None, slung_load=SLUNG_LOAD)], ids=["laden", "slung"]
 )
-def test_a_linear_model_in_flight_matches_differences(asymmetric_vehicle, effects):
+def test_a_linear_model_in_flight_matches_finite_differences(asymmetric_vehicle, effects):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
     place = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
     trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **place, effects=effects)
@@ -203,7 +203,7 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
     [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
-def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, load):
+def test_derivatives_through_a_flight_match_finite_differences_of_flights(laboratory, load):
     scenario = laboratory("duration=1.4", "metrics.start=0", *ALL_EFFECTS_OVERRIDES, load)
     # The other effects do not depend on the kind of load, so each is tested with one load only.
     fields = {
@@ -226,7 +226,7 @@ def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, l
         ), field
 
 
-def test_a_flight_depends_discontinuously_on_the_time_of_a_payload(laboratory):
+def test_sensitivity_to_the_time_at_which_a_payload_is_dropped_is_refused(laboratory):
     with pytest.raises(InputError, match="vehicle.payload.time: the flight depends on it discontinuously"):
         flight_sensitivities(
             laboratory("duration=1", PAYLOAD_OVERRIDE.format(0.5, "dropped")), ["vehicle.payload.time"]

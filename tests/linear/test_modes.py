@@ -57,7 +57,7 @@ def test_a_repeated_negative_eigenvalue_is_one_mode(seed):
     assert fast.states
 
 
-def test_an_integrator_has_no_damping_and_a_growing_mode_a_negative_one():
+def test_an_integrator_has_no_damping_and_a_growing_mode_has_negative_damping():
     integrator, grown = modes(np.diag([0.0, 0.5]), ("a", "b"))
     assert (integrator.frequency, integrator.multiplicity) == (0.0, 1)
     assert math.isnan(integrator.damping)

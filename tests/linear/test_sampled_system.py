@@ -1,4 +1,4 @@
-"""Tests of a diagram's Jacobian over one period, by comparison with classical sampling and with differences."""
+"""Tests of a diagram's Jacobian over one period, by comparison with classical sampling and finite differences."""
 
 from dataclasses import replace
 
@@ -68,7 +68,7 @@ def test_the_model_of_an_ideal_laboratory_agrees_with_classical_sampling(hover, 
 
 
 @pytest.mark.parametrize("overrides", [[], IMPERFECT_OVERRIDES])
-def test_the_jacobian_of_the_whole_loop_matches_differences(hover, overrides):
+def test_the_jacobian_of_the_whole_loop_matches_finite_differences(hover, overrides):
     scenario = hover(*overrides)
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
@@ -205,7 +205,7 @@ def test_a_constant_output_has_zero_derivatives():
 
 
 def two_inputs():
-    """Return a diagram of two zero-order holds over 0.1 s, which have two inputs and one input, and its context."""
+    """Return a diagram of two zero-order holds, for a vector of two numbers and for one number, and its context."""
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))

@@ -1,4 +1,4 @@
-"""Tests of responses to a release from a displacement: number of ticks and initial values."""
+"""Tests of responses that start at a displacement from the equilibrium: number of ticks and initial values."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def loop():
 
 
 @pytest.mark.parametrize(("duration", "ticks"), [(0.0, 1), (0.1, 6), (0.5, 26)])
-def test_a_release_has_a_tick_at_each_end(loop, duration, ticks):
+def test_a_response_has_a_tick_at_its_start_and_at_its_end(loop, duration, ticks):
     response = initial_response(loop, {"x": 1e-4}, duration=duration)
     np.testing.assert_allclose(response.time, 0.02 * np.arange(ticks), atol=1e-12)
     assert response.linear.shape == response.nonlinear.shape == (ticks, 12)
 
 
-def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
+def test_a_response_starts_at_the_displacement_given_for_each_state_component(loop):
     offset = {"y": 1e-3, "yaw": -2e-3, "v_z": 3e-3, "q": 4e-3}
     response = initial_response(loop, offset, duration=0.02)
     expected = np.zeros(12)
@@ -33,7 +33,7 @@ def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
     assert response.nonlinear[1, 2] == pytest.approx(response.linear[1, 2], rel=1e-3)
 
 
-def test_a_release_does_not_change_the_loop(loop):
+def test_computing_a_response_does_not_change_the_loop(loop):
     before = loop.context.get_time()
     first = initial_response(loop, {"z": 1e-3}, duration=0.2)
     assert loop.context.get_time() == before

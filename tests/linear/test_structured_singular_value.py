@@ -72,7 +72,7 @@ def test_the_bound_of_a_matrix_of_rank_one_is_that_of_a_linear_program():
     )
 
 
-def test_repeated_blocks_need_the_order_of_their_rows():
+def test_a_repeated_real_block_applies_to_the_first_rows_of_the_matrix():
     M = np.diag([1.0, -2.0, 0.5])
     M[0, 1] = 3.0
     assert mu_bound(M, [Block(2, is_real=True), Block(1, is_real=False)], tolerance=1e-4).value == pytest.approx(
@@ -120,7 +120,7 @@ def system():
 
 
 @pytest.mark.long
-def test_the_bound_on_the_circle_holds_between_the_points_of_any_grid(system):
+def test_the_bound_on_the_unit_circle_holds_between_the_points_of_any_grid(system):
     A, B, C, D = system
     blocks = scalars("rrc")
     peak = peak_mu_bound(A, B, C, D, blocks, tolerance=0.01)
@@ -147,5 +147,5 @@ def test_a_narrow_resonance_is_not_missed():
     assert peak.frequency == pytest.approx(angle, abs=1e-4)
 
 
-def test_a_system_without_uncertainty_has_no_bound_to_speak_of():
+def test_a_system_without_uncertainty_has_a_negligible_bound():
     assert peak_mu_bound(np.eye(1) * 0.5, np.zeros((1, 0)), np.zeros((0, 1)), np.zeros((0, 0)), []).value < 1e-5

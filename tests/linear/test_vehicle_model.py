@@ -1,4 +1,4 @@
-"""Tests of operating points and linear models of the vehicle, by matrices derived by hand and differences."""
+"""Tests of operating points and linear models of the vehicle, by matrices derived by hand and finite differences."""
 
 import math
 
@@ -71,7 +71,7 @@ def test_the_model_of_an_x_layout_in_hover_matches_matrices_by_hand():
 
 
 @pytest.mark.parametrize("kinematics", ["exact", "small_angle"])
-def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
+def test_the_model_of_a_moving_vehicle_matches_finite_differences(kinematics):
     trim = find_trim(
         VEHICLE_WITH_DRAG, velocity=(4.0, 2.0, -1.0), wind=(1.0, -2.0, 0.5), yaw=0.6, kinematics=kinematics
     )

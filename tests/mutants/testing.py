@@ -138,7 +138,7 @@ def limit_time(name: str, seconds: float) -> None:
 def record_tests(file: str) -> tuple[dict[str, Test], list[str]]:
     """Run the tests of a file, and return their records and the names of failed tests."""
     plugin = Plugin()
-    # All modules are imported first, so that no test is charged with the lines that run at import.
+    # All modules are imported first, so that no test's record contains the lines that run at import.
     for module in pkgutil.walk_packages([str(ROOT / "drake_quad")], "drake_quad."):
         # No test uses modules whose libraries are not installed.
         with contextlib.suppress(ImportError):

@@ -80,7 +80,7 @@ class DifferenceEstimator:
     Args:
         filters: matrices (A, B, c) of each axis: x' = A x + B r, d = c x.
         h: tick period, s.
-        rows: rows of the measurement that are differentiated.
+        rows: slice of the measurement that contains the velocity or rate to be differentiated.
     """
 
     def __init__(self, filters, h, rows):
@@ -94,13 +94,13 @@ class DifferenceEstimator:
 
     @classmethod
     def adaptive(cls, parameters, h):
-        """Return an L1 estimator: r decays with the prediction error for a tick, then passes ω / (s + ω)."""
+        """Return an L1 estimator: r decays exponentially for a tick, and ω / (s + ω) filters it."""
         decay = math.exp(-parameters.adaptation * h)
         return cls([([[-w]], [[w]], [decay]) for w in parameters.bandwidth], h, slice(6, 9))
 
     @classmethod
     def incremental(cls, bandwidths, h, rows):
-        """Return an INDI estimator: r passes ω² / (s² + √2 ω s + ω²)."""
+        """Return an INDI estimator, in which ω² / (s² + √2 ω s + ω²) filters r."""
         return cls(
             [([[0.0, 1.0], [-w * w, -math.sqrt(2.0) * w]], [[0.0], [w * w]], [1.0, 0.0]) for w in bandwidths], h, rows
         )
@@ -477,7 +477,7 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     r = E[2] @ angle_rates
     p_dot = q * r - (y_B @ snap + 2.0 * F_dot * p) / thrust
     q_dot = (x_B @ snap - 2.0 * F_dot * q) / thrust - p * r
-    # Time derivative of E.
+    # Time derivative of E, the matrix of eq (2).
     s, c, s_pitch, c_pitch = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
     phi_dot, theta_dot, _ = angle_rates
     E_dot = np.array(

@@ -51,8 +51,8 @@ class Forces:
             pairs.append((point, (linear + quadratic * size) * air))
         if effects.rotor_aerodynamics is not None:
             lift, climb, drag, inflow = effects.rotor_aerodynamics
-            # Each rotor produces a quarter of lift and climb, and drag in proportion to its speed. All act at the
-            # centre of the rotors.
+            # Each rotor produces a quarter of the forces `lift` and `climb`, and drag in proportion to its speed. All
+            # these forces act at the centre of the rotors.
             middle = self.places.mean(axis=0)
             for speed in speeds:
                 across = np.array([air[0], air[1], 0.0])

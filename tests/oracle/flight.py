@@ -36,7 +36,7 @@ def fly(scenario, plan):
         plan: plan of its route.
 
     Returns:
-        Signals by name, (ticks, rows) arrays at the control ticks until the end or a crash, and the metrics.
+        Signals by name, (ticks, components) arrays at the control ticks until the end or a crash, and the metrics.
     """
     laboratory, h = scenario.laboratory, scenario.vehicle.time_step
     period, seed, sample = laboratory.command_link.period, scenario.seed, scenario.sample or 0
@@ -73,7 +73,7 @@ def fly(scenario, plan):
             if kind != "none":
                 commanded["wrench"] = autopilot.wrench(received)
             allocated = {"rotor_speed_command": command, "shortfall": shortfall}
-            rows.append({"reference": reference_rows(target), **commanded, **true, **allocated})
+            rows.append({"reference": reference_signal(target), **commanded, **true, **allocated})
             u = commanded["acceleration_command"]
             if not monitor.observe(tick * period, state, target["position"], u, shortfall):
                 break
@@ -90,8 +90,8 @@ def fly(scenario, plan):
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, monitor.metrics(period)
 
 
-def reference_rows(target):
-    """Return the rows of the reference signal."""
+def reference_signal(target):
+    """Return the components of the reference signal in order."""
     names = ("position", "velocity", "acceleration", "yaw", "yaw_rate")
     return np.concatenate([np.atleast_1d(target[name]) for name in names])
 

@@ -88,7 +88,7 @@ class Cameras(DelayLine):
         return np.concatenate([state[0:3], attitude]) + deviations * self.noise.normal(k)
 
     def measure(self, k, state):
-        """Measure frame k of a state."""
+        """Measure the state of the vehicle in camera frame k."""
         parameters, last = self.parameters, self.newest
         lost = parameters.dropout_rate > 0.0 and self.loss.uniform(k)[0] < parameters.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)

@@ -151,5 +151,5 @@ class Wind:
             self.parts.append(Fans(fans, h, Stream(seed, sample, WIND, "fans.jet_noise", 3)))
 
     def sample(self, k, place):
-        """Return the wind over step k for a vehicle at a position at its beginning."""
+        """Return the wind over step k, given the position of the vehicle at the beginning of the step."""
         return sum((part.sample(k, place) for part in self.parts), start=self.steady)

@@ -81,7 +81,7 @@ def test_the_setpoint_is_fed_forward_and_the_output_is_limited():
     np.testing.assert_allclose(run(Terms(limit=0.7), [3.0, -3.0], [2.0, 2.0], k_p=2.0), [0.7, -0.7])
 
 
-def test_the_memory_of_a_loop_contains_only_the_states_of_its_terms():
+def test_the_state_of_a_pid_loop_contains_only_the_states_of_its_terms():
     assert Memory.of(None) == Memory.of(Terms(k_ff=1.0, limit=1.0)) == Memory()
     assert Memory.of(Terms(Integral(1.0, 1.0))) == Memory(integral=0.0)
     assert Memory.of(Terms(derivative=Derivative(1.0))) == Memory(measured=LastMeasurement(0.0, 0.0))

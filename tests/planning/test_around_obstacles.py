@@ -136,7 +136,7 @@ IMPOSSIBLE_PLANS = {
     ),
     "a gate inside an obstacle": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
-        "waypoint 1, .* has no point with a clearance of 0.27 m .*: ball is too near",
+        "waypoint 1, .* contains no point with a clearance of 0.27 m .*: ball is too near",
     ),
     "a route of another kind through obstacles": (
         ["route={kind: circle, radius: 2.1, height: 1.2}"],
@@ -179,7 +179,7 @@ def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room)
         plan_route_with_problem(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,))
     )
     predicted_error = nominal_tracking_error(room(wind, *dragged)).rms.value
-    # The fraction affects the plan, but not the detection of collisions.
+    # The fraction of the tracking error affects the plan, but not the detection of collisions.
     assert room("space.tracking_error_factor=0.5").flight_space().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01

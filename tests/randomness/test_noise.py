@@ -31,7 +31,7 @@ class SourceOfOneStream:
         self.source = NoiseSource(num_vehicles=len(samples.indices), streams=[stream], parameters=samples)
 
     def at(self, time):
-        """Return the numbers (rows · N,) at a time, s."""
+        """Return the (n · N,) numbers at a time (s), for n numbers per vehicle."""
         return source_numbers(self.source, time)
 
 
@@ -40,7 +40,7 @@ def numbers_of(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
 
 
 def source_numbers(source, time, context=None):
-    """Return the numbers (rows · N,) of a source at a time, s."""
+    """Return the (n · N,) numbers of a source at a time (s), for n numbers per vehicle."""
     context = context or source.CreateDefaultContext()
     context.SetTime(time)
     return source.get_output_port().Eval(context)
@@ -107,7 +107,7 @@ def test_a_source_can_have_streams_with_different_periods():
     np.testing.assert_array_equal(actual[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
 
 
-def test_a_context_that_is_reset_to_other_samples_has_their_numbers():
+def test_a_context_that_is_reset_to_other_samples_has_the_random_numbers_of_these_samples():
     """Neither other contexts nor the source itself change."""
     streams = [Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", StreamKind.WIND, 1, UNIFORM, 0.02)]
     first, second = Samples(5, [4, 1]), Samples(6, [2, 9])

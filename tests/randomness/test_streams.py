@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 
 
 def numbers_of(states, ticks, *, normal):
-    """Return the numbers (ticks, N) of streams with one row, computed by machine code."""
+    """Return the numbers (ticks, N) of streams with one number per tick, computed by machine code."""
     halves = np.concatenate(StreamState.of(states))
     arguments = layout_of(StreamState), CurrentTick(1.0), 1, normal
     run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), single_vehicle=False)
@@ -32,7 +32,7 @@ def numbers_of(states, ticks, *, normal):
 
 
 def normal_pairs(states, count):
-    """Return the normal numbers (2, count, N) of the first words."""
+    """Return the normal numbers (2, count, N) of the first `count` 64-bit words of each stream."""
     return numbers_of(states, range(2 * count), normal=True).reshape(count, 2, -1).swapaxes(0, 1)
 
 
@@ -111,7 +111,7 @@ def test_extreme_words_give_finite_numbers(word):
 
 
 @pytest.mark.slow
-def test_consecutive_ticks_neighbouring_vehicles_and_pairs_are_independent(states):
+def test_numbers_of_consecutive_ticks_of_neighbouring_vehicles_and_in_a_pair_are_independent(states):
     numbers = normal_pairs(states, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)
     for a, b in (

@@ -21,7 +21,7 @@ def closed_path(seam, derivatives=FREE_DERIVATIVES):
     return MinimumSnap(LAP_WAYPOINTS, SEGMENT_DURATIONS, given).path()
 
 
-def test_motion_at_the_seam_agrees_with_the_middle_lap_of_a_long_path():
+def test_motion_between_two_laps_agrees_with_the_middle_of_a_long_path():
     """The test plans 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
     points, durations = np.vstack([LAP_WAYPOINTS, *[LAP_WAYPOINTS[1:]] * 23]), np.tile(SEGMENT_DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
@@ -32,7 +32,7 @@ def test_motion_at_the_seam_agrees_with_the_middle_lap_of_a_long_path():
     )
 
 
-def test_no_other_motion_at_the_seam_has_less_snap():
+def test_no_other_motion_between_two_laps_has_less_snap():
     seam = periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, FREE_DERIVATIVES)
     least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
@@ -40,7 +40,7 @@ def test_no_other_motion_at_the_seam_has_less_snap():
             assert (snap_cost(closed_path(seam + side * change[:, np.newaxis])) > least).all()
 
 
-def test_derivatives_given_at_the_seam_of_laps_are_kept():
+def test_derivatives_given_between_two_laps_are_kept():
     stop = FREE_DERIVATIVES.copy()
     stop[[0, -1]] = 0.0
     np.testing.assert_array_equal(periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, stop), 0.0)

@@ -327,7 +327,7 @@ def other_plan(waypoints, times):
 
 
 def other_cost(trajectory, times):
-    """Return the cost of that plan by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
+    """Return the cost of a plan of `other_plan` by Gauss-Legendre quadrature, exact for the square of a cubic."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(times)
     instants = times[:-1, np.newaxis] + half[:, np.newaxis] * (nodes + 1.0)

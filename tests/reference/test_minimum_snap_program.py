@@ -99,7 +99,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
     )
     assert actual.success
     path = constrained_minimum_snap(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
-    # The tested path keeps a margin of 1e-4 below the limit, and the reference has no margin.
+    # The path keeps a margin of 1e-4 below the limit, and the solution of SLSQP has no margin.
     assert snap_cost(path)[0] / cost == pytest.approx(actual.fun, rel=1e-3)
 
 
@@ -198,7 +198,7 @@ def test_a_path_through_points_within_limits_needs_no_solver():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_single_violated_limit_requires_the_program(order):
+def test_a_single_violated_limit_requires_the_solver(order):
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
     bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}

@@ -121,7 +121,10 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
 
 
 def test_files_written_by_other_programs_can_be_read(write):
-    """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
+    """The file has a # before the names, an empty line and a trailing comma.
+
+    Its plan moves 1 m in 2 s, and back in 4 s.
+    """
     plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     fractions = np.linspace(0.0, 1.0, 21)
@@ -145,7 +148,7 @@ there:
     flight = simulate(scenario, compiled=True)
     assert flight.metrics.rmse < 0.01
     folder = flight.save(tmp_path / "flown")[0].parent
-    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # needs no there.csv in its folder
+    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # the saved scenario contains the pieces
 
 
 def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):

@@ -26,6 +26,11 @@ def test_the_largest_ball_in_a_right_triangle_is_its_incircle():
     assert str(TRIANGLE) == "the polytope of 3 faces around (1, 1)"
 
 
+def test_an_unbounded_polytope_is_described_without_a_centre():
+    assert str(Polytope([[1.0, -1.0, 0.0]], [0.5])) == "the unbounded polytope of 1 face"
+    assert str(Polytope([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], [1.0, 1.0])) == "the unbounded polytope of 2 faces"
+
+
 def test_a_box_converted_to_a_polytope_is_the_same_region():
     polytope = Polytope.from_box(BOX)
     corners = np.array(list(itertools.product(*zip(BOX.low, BOX.high, strict=True))))

@@ -14,6 +14,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path, peak_norm
 from drake_quad.reference.rest import moves_at_end, with_rest
 from drake_quad.reference.source import build_reference
+from drake_quad.scenario.routes.route import ROUTES as ROUTE_KINDS
 from drake_quad.signals import Reference
 
 ROUTES = {
@@ -32,11 +33,16 @@ ROUTES = {
         "kind": "trajectory",
         "pieces": [{"duration": 3.0, "x": [0, 0, 0.1], "y": [0.0], "z": [1.0], "yaw": [0.1, 0.5]}],
     },
+    "setpoints": {"kind": "setpoints", "setpoints": [[0, 0, 0, 1, 0], [2, 1, 0, 1, 0.5]]},
     "knots in steady flight": {
         "kind": "trajectory",
         "knots": [{"time": t, "position": [0.5 * t, 0, 1], "velocity": [0.5, 0, 0]} for t in (1.0, 4.0)],
     },
 }
+
+
+def test_every_kind_of_route_is_tested_here():
+    assert {route["kind"] for route in ROUTES.values()} == ROUTE_KINDS.members.keys()
 
 
 def planned(route):
@@ -188,7 +194,7 @@ def test_braking_into_an_obstacle_is_rejected():
 @pytest.mark.parametrize("beyond", [0.21, 1.21])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
-    """Braking from 1 m/s needs 1.41 m beyond the end of the route, which is 2 m along x or -x."""
+    """The route ends at x = 2 m or -2 m, and braking from 1 m/s needs another 1.41 m."""
     near, far = sorted((side * -1.0, side * (3.41 - beyond)))
     room = {"min": [near, -1.0, 0.0], "max": [far, 1.0, 2.0]}
     last = {"point": [2.0 * side, 0, 1], "velocity": [side, 0, 0]}
@@ -204,7 +210,7 @@ def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
 
 
 def test_braking_below_the_crash_height_is_rejected():
-    """The pieces end at a height of 0.2 m while the vehicle descends at 0.9 m/s."""
+    """The route ends at a height of 0.2 m while the vehicle descends at 0.9 m/s."""
     pieces = [{"duration": 2.0, "x": [0], "y": [0], "z": [2, -0.9], "yaw": [0]}]
     overrides = {"duration": 15.0, "route": {"kind": "trajectory", "pieces": pieces}, "crash": {"height": 0.0}}
     scenario = load_scenario("figure_eight", overrides)

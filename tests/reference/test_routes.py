@@ -10,7 +10,10 @@ from drake_quad.scenario.files.loading import load_scenario
 
 
 def test_the_figure_eight_agrees_with_the_paper(diagrams):
-    """The extent is taken from the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
+    """The extent is taken from the paper's figures.
+
+    With limits of 2 m/s and 0.7 m/s², a path of this extent is 20 to 31 m long and takes 21 to 26 s.
+    """
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     times = np.linspace(0.0, plan.duration, 5000)
     position = evaluate(plan.path, times)

@@ -234,7 +234,10 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
         "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in fractions.items())
         for fractions in (left, returned)
     ]
-    assert fading.details == (f"ratio of the last quarter: {listed[0]}; ratio after a change of segment: {listed[1]}")
+    assert fading.details == (
+        f"RMS in the last quarter relative to the quarter after the rise: {listed[0]}; RMS after a change of segment"
+        f" relative to the RMS before it: {listed[1]}"
+    )
 
     fractions = {
         (wind, name, axis): ratio_of_cells(found, wind, name, "pd", f"effort_{axis}")
@@ -269,9 +272,9 @@ def test_claims_about_gains_are_judged(found):
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
     texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
     assert legs.evidence == (
-        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the former have"
-        f" a {per_cent(worse)} larger error on curves, and with the latter the command varies {plain(livelier)} times"
-        " as much on straight lines"
+        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the"
+        f" gains for straight lines have a {per_cent(worse)} larger error on curves than the gains for curves, and with"
+        f" the gains for curves the command varies {plain(livelier)} times as much on straight lines"
     )
     kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
     fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
@@ -288,9 +291,9 @@ def test_claims_about_gains_are_judged(found):
         f" {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
-        "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; a sample"
-        f" crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; the network"
-        f" increases the share by {per_cent(interval(fraction[1] - fraction[0]))} of the gains"
+        "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; at least"
+        f" one sample crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; with"
+        f" the network, {per_cent(interval(fraction[1] - fraction[0]))} more of the gains are within 20 % of the best"
     )
     np.testing.assert_allclose(near_best_fraction(found.maps["pd"]), fraction[0])
     np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
@@ -424,8 +427,8 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
     Args:
         cells: results by (wind or None for all, controller, metric).
         recorded: results of PD+T2FNN without wind, by name.
-        noise: RMSE by (row of the noise amplitude, exponents).
-        fractions: RMSE by (row of q, exponents).
+        noise: RMSE by (index of the noise amplitude, exponents).
+        fractions: RMSE by (index of the value of q, exponents).
         slope: smallest RMSE over the slopes.
     """
 
@@ -507,7 +510,7 @@ def in_wind(rmse):
         ("insensitive", {"cells": in_wind(1.101)}, "does not hold"),
     ],
 )  # fmt: skip
-def test_a_verdict_changes_at_the_level_of_its_rule(claim, numbers, verdict):
+def test_a_verdict_changes_at_the_threshold_of_its_rule(claim, numbers, verdict):
     (found,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
     assert found.verdict == verdict
 
@@ -536,7 +539,7 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     ("pd", "network", "verdict"),
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
-def test_the_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
+def test_the_claim_about_a_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
     """The cases differ in the number of gains that are nearly as good as the best."""
     experiment = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}

@@ -56,7 +56,7 @@ def test_recorded_samples_equal_single_flights():
         np.testing.assert_allclose(flight.metrics, alone.metrics, rtol=1e-9)
 
 
-def test_settings_in_a_fleet_equal_overrides_of_a_scenario():
+def test_a_fleet_with_several_settings_agrees_with_overrides_of_a_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
@@ -134,7 +134,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
 def test_fleets_are_filled_with_settings(count, sizes):
-    """A fleet has at most 1,024 vehicles, unless a single setting has more."""
+    """A fleet has at most 1,024 vehicles, unless a single setting has more samples."""
     settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]
@@ -153,7 +153,7 @@ def kept(*arguments, **options):
 
 
 @pytest.mark.slow
-def test_recorded_samples_are_the_first_of_the_cell(tmp_path, monkeypatch):
+def test_recorded_samples_are_the_first_samples_of_the_cell(tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "measures", lambda flight: {"twice": 2.0 * flight.metrics.rmse, "once": 1.0})
     study = scenario("low_wind_pd_t2fnn", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)
@@ -166,7 +166,7 @@ def test_recorded_samples_are_the_first_of_the_cell(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_resumed_cell_is_identical(tmp_path):
+def test_a_resumed_cell_is_identical_to_an_uninterrupted_one(tmp_path):
     study = scenario("no_wind_pid", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)
     path = tmp_path / "results.csv"
@@ -177,7 +177,7 @@ def test_a_resumed_cell_is_identical(tmp_path):
 
 
 def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
-    """The flights are replaced by their arguments."""
+    """In place of flights, the test writes numbers that depend on the arguments of each flight."""
     sizes = ExperimentSizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
@@ -265,7 +265,7 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
 
 
 def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
-    """Existing rows are kept."""
+    """A second call with more samples keeps the existing results, and flies only the missing samples."""
     sizes = []
 
     def fly_and_tell(job, samples):

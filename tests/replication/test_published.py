@@ -28,7 +28,7 @@ def test_missing_values_are_nan():
     assert published_table()[Cell("no_wind", "pd")].rmse.mean == 0.972
 
 
-def test_the_first_line_has_the_printed_values():
+def test_the_first_line_of_table_ii_has_the_printed_values():
     line = published_table()[Cell("no_wind", "pd")]
     assert line.rmse == ((0.978, 0.957, 0.981), 0.972)
     assert line.effort_x == ((0.150, 0.233, 0.216), 0.199)

@@ -91,7 +91,7 @@ def test_figures_are_in_the_order_of_the_report(found, flights):
         assert len(legend_of(figure)) >= 2
 
 
-def test_the_table_figure_has_printed_runs_means_and_ours(found):
+def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_results(found):
     figure = figures.table_figure(found)
     for axes, (wind, words) in zip(figure.axes, WINDS.items(), strict=True):
         assert axes.get_title(loc="left") == words
@@ -182,7 +182,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
     np.testing.assert_allclose(aspect / aspect[0], extent / extent[0])
 
 
-def test_errors_in_wind_are_shown_until_the_crash_and_next_to_type_1(flights):
+def test_errors_in_wind_are_shown_until_the_crash_and_compared_with_type_1(flights):
     figure = figures.FLIGHT_FIGURES["figure_11"](flights)
     upper, lower = figure.axes
     errors = {name: flights[Cell("high_wind", name)].euclidean_error for name in CONTROLLERS}

@@ -132,7 +132,7 @@ def test_the_committed_report_agrees_with_its_tables():
     )
 
 
-def test_the_committed_table_is_calibrated_and_has_the_printed_values():
+def test_the_committed_table_has_the_printed_values_and_reproduces_the_fitted_cells():
     rows = {
         Cell(row["wind"], row["controller"]): row for row in rows_of(DOCS / "table_ii.csv") if row["quantity"] == "rmse"
     }

@@ -119,7 +119,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
     assert fields["network_over_feed_forward"] == ", ".join(expected)
 
 
-def test_effort_definitions_follow_the_printed_ratios():
+def test_the_table_of_effort_definitions_begins_with_the_printed_ratios():
     matches = [
         EffortMatch("command_peak", 1.234, 2.345, Interval(1.1, 1.0, 1.2)),
         EffortMatch(OUR_EFFORT, 3.0, 4.0, Interval(1.5, 1.4, 1.6)),

@@ -23,7 +23,7 @@ def test_cells_are_sorted_by_wind():
 
 
 def test_recorded_measures_are_read_as_they_were_written(tmp_path, monkeypatch):
-    """Each cell has its own rows, and each file is named after its content."""
+    """The file contains the measures of each cell."""
     monkeypatch.setattr(results, "read_study", lambda folder: folder.relative_to(tmp_path).as_posix())
     monkeypatch.setattr(results, "load_sweep", lambda path, metrics: (path.relative_to(tmp_path).name, metrics))
     recorded = {

@@ -56,7 +56,7 @@ def test_gains_are_in_geometric_steps(ranges, k_p, k_d):
     assert list(zip(found["k_p"], found["k_d"], strict=True)) == [pytest.approx(pair) for pair in expected]
 
 
-def test_settings_are_written_to_their_fields():
+def test_settings_are_written_to_their_fields_of_the_scenario():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd_t2fnn")
     names = ("noise", "q", "a1", "a2", "k_p", "k_d", "slope")
     settings = {name: np.array([10.0 + place, 20.0 + place]) for place, name in enumerate(names)}
@@ -77,7 +77,7 @@ def test_settings_are_written_to_their_fields():
             assert getattr(position, name)[2] == number_at(scenario, f"control.position.{name}.2")
 
 
-def test_metrics_have_rows_for_settings_and_columns_for_samples():
+def test_metrics_have_a_row_for_each_setting_and_a_column_for_each_sample():
     """Each metric equals the metric of a single flight of the sample with the gains of the setting."""
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
     settings = {"k_p": np.array([1.0, 3.0]), "k_d": np.array([1.5, 2.0])}
@@ -93,7 +93,7 @@ def test_metrics_have_rows_for_settings_and_columns_for_samples():
             np.testing.assert_allclose([values[row, column] for values in found], metrics, rtol=1e-9)
 
 
-def test_leg_metrics_have_rows_for_settings():
+def test_leg_metrics_have_a_row_for_each_setting():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd", ["duration=13.5"])
     settings = {"k_p": np.array([1.4, 4.0]), "k_d": np.array([1.7, 3.0])}
     found = fly_legs(scenario, settings, [5, 1])

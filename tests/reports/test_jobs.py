@@ -9,6 +9,7 @@ from drake_quad.errors import InputError
 from drake_quad.reports.jobs import Job, run_jobs
 from drake_quad.studies.processes import Workers
 
+# Jobs with a name, a size and a function.
 JOBS = [Job(name, size, partial(int, str(size))) for name, size in (("a", 3), ("b", 4), ("c", 5))]
 
 

@@ -9,7 +9,7 @@ from drake_quad.reports.results import read_groups, write_groups, write_rows
 from drake_quad.statistics.interval import Interval
 
 
-def test_an_interval_takes_three_columns(tmp_path):
+def test_an_interval_is_written_to_three_columns(tmp_path):
     rows = [
         {"name": name, "rmse": Interval(value, value - 1.0, value + 2.0), "n": 3}
         for name, value in (("a", 1 / 3), ("b", 5.0))
@@ -37,7 +37,7 @@ def test_groups_are_read_back_in_their_order_with_their_columns(tmp_path):
             np.testing.assert_array_equal(actual[key][name], values)
 
 
-def test_a_missing_column_is_named(tmp_path):
+def test_the_message_about_a_missing_column_names_it(tmp_path):
     path = write_groups(tmp_path / "groups.csv", ("place",), {("a",): {"time": [1.0]}})
     for keys, required in ((("place", "name"), ()), (("place",), ("name",))):
         with pytest.raises(InputError, match=r"groups.csv has no column name"):

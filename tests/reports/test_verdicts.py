@@ -19,9 +19,9 @@ from drake_quad.reports.page import image
 from drake_quad.statistics.interval import Interval
 
 CLAIMS = [
-    Claim("a is less than b", "1 [0, 2]", "holds", "a rule", printed="2"),
-    Claim("c", "3", "does not hold", "r"),
-    Claim("d, e", "4", "does not hold", "r"),
+    Claim("a is less than b", evidence="1 [0, 2]", verdict="holds", rule="a rule", printed="2"),
+    Claim("c", evidence="3", verdict="does not hold", rule="r"),
+    Claim("d, e", evidence="4", verdict="does not hold", rule="r"),
 ]
 
 
@@ -72,7 +72,7 @@ def test_claims_are_written_under_the_headings_of_their_report(tmp_path):
     ],
 )
 def test_a_committed_page_is_up_to_date(root, report, folder, file, width, max_bytes):
-    """The page shows the claims of the committed file in the current format, and all figures with their captions."""
+    """The page shows the claims of the committed CSV file, and all figures with their captions."""
     text = (root / "docs" / folder / "report.md").read_text(encoding="utf-8")
     with (root / "docs" / folder / f"{file}.csv").open(encoding="utf-8") as committed:
         rows = [{report._FILE_COLUMNS[name]: cell for name, cell in row.items()} for row in csv.DictReader(committed)]

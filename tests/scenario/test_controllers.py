@@ -99,7 +99,7 @@ def test_network_parameters_may_be_distributions():
     load("pd_t2fnn", *(f"{NETWORK_FIELD}.{override}" for override in overrides))
 
 
-def test_every_controller_of_the_file_can_be_combined_with_every_laboratory():
+def test_shipped_controllers_can_be_combined_with_every_laboratory():
     for laboratory in ("nominal", "low_wind", "high_wind"):
         for name in ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"):
             spec = REPOSITORY / "diagrams" / f"laboratory.yaml:{laboratory}"

@@ -176,7 +176,7 @@ def test_invalid_shared_variables_are_refused(study, shared, words):
 
 
 def test_squared_correlations_may_sum_to_exactly_one(study):
-    """The correlations in this example are allowed, although the squares of their binary values sum to more than 1."""
+    """The correlations in this example are allowed, although their squares sum to more than 1 by rounding errors."""
     study(correlated_overrides("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
 
 

@@ -224,7 +224,7 @@ odd_values = st.one_of(
 
 
 def values_near(number):
-    """Return a strategy for values around a number: most with the same sign, some far away, some distributions."""
+    """Return a Hypothesis strategy for values around a number: most with the same sign, some distributions."""
     low, high = sorted((0.9 * number, 1.1 * number))
     about = [
         {"uniform": {"min": low, "max": high}},

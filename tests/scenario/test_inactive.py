@@ -27,12 +27,12 @@ ZERO_GUST = GUST | {"velocity": [0.0, 0.0, 0.0]}
 WITH_DRAG = {"vehicle.linear_drag": 0.2, "vehicle.body_drag.linear": [0.1, 0.2, 0.3]}
 
 
-# Each case: scenario, its overrides, path and value of a setting that has no effect, and the reason in the remark.
 def with_sensor(kind, **settings):
     """Return an override that adds a sensor."""
     return {"laboratory.sensors": [{"kind": kind, **settings}]}
 
 
+# Each case: scenario, its overrides, path and value of a setting that has no effect, and the reason in the remark.
 INACTIVE_CASES = [
     ("hover", with_sensor("gnss"), "laboratory.sensors.0.drift_time", 3.0, "position_drift is [0, 0, 0]"),
     ("hover", with_sensor("gyroscope"), "laboratory.sensors.0.vibration", {"unbalance": [0.0] * 4}, "are zero"),

@@ -259,7 +259,7 @@ def test_a_control_without_a_kind_modifies_the_control_below(load):
     assert mixed.control.network is not None
 
 
-def test_metric_window_and_duration_are_replaced_together_with_the_route(load):
+def test_duration_and_metrics_window_are_replaced_together_with_the_route(load):
     assert load_scenario("vehicles/neural_fly:still").metrics.start > 0.0
     beside = "longer: {extends: vehicles/neural_fly:still, duration: 70}\n"
     mixed = load("longer", own="  route: {kind: hover}\n", beside=beside)
@@ -305,7 +305,7 @@ def test_invalid_relative_distributions_are_refused(field, message):
 ROTOR_DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
 
 
-def test_a_flight_reports_that_its_nominal_vehicle_differs():
+def test_a_flight_reports_that_nominal_differs_from_its_vehicle():
     (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
     assert "mass 0.68 kg (nominal 2)" in remark
     assert "inertia" not in remark

@@ -160,7 +160,7 @@ MULTIPLYING_ALIASES = (
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ("&a [*a, *a]", "the alias *a needs an anchor that ends before it"),
+        ("&a [*a, *a]", "the alias *a must come after the value with its anchor"),
         (MULTIPLYING_ALIASES, "is too large"),
     ],
 )

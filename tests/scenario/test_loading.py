@@ -168,7 +168,7 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("  metrics: {start: 5, end: 4}", "6: metrics.end is 4, but must be later than start"),
         ("  name: a/b", "6: name is 'a/b', but must match"),
         ("  vehicle: !!python/object:os.system {}", "6: the tag .* is not allowed"),
-        ("  vehicle: &v {mass: *v}", r"6: is not YAML: the alias \*v needs an anchor that ends before it"),
+        ("  vehicle: &v {mass: *v}", r"6: is not YAML: the alias \*v must come after the value with its anchor"),
         ("  3: 4", "6: a field's name must be text"),
         ("  vehicle: {mass: 0.7", "is not YAML"),
         ("\t- x", "is not YAML"),
@@ -548,11 +548,11 @@ def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nom
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], stop: true, jerk: [0, 0, 0]}, [0, 0, 1]]}",
-            r"2: route.waypoints.0 is .*must not have stop together with a velocity",
+            r"2: route.waypoints.0 is .*must not have `stop` together with a velocity",
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading is 'constant' by default, but must be waypoints, since yaws are given at waypoints",
+            "2: route.heading is 'constant' by default, but must be `waypoints`, since yaws are given at waypoints",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",

@@ -61,7 +61,7 @@ def test_a_saved_control_contains_its_kind_and_can_be_flown_again(tmp_path):
         ),
     ],
 )
-def test_errors_name_the_wrong_field(overrides, words):
+def test_errors_name_the_invalid_field(overrides, words):
     with pytest.raises(InputError, match=re.escape(words)):
         load(*overrides)
 

@@ -51,12 +51,12 @@ def structure_of(scenario):
         ),
     ],
 )
-def test_errors_name_the_wrong_field(overrides, words):
+def test_errors_name_the_invalid_field(overrides, words):
     with pytest.raises(InputError, match=re.escape(words)):
         load(*overrides)
 
 
-def test_tube_walls_move_with_the_reference_and_room_walls_do_not():
+def test_walls_of_a_tube_move_with_the_reference_and_walls_of_a_room_are_fixed():
     tube, _ = structure_of(load("control.corridor={kind: tube, half_width: [0.1, null, 0.3], weight: 7}"))
     assert tube["corridor"] == ((-0.1, -math.inf, -0.3), (0.1, math.inf, 0.3), True, 7.0)
     room, _ = structure_of(load("control.corridor={kind: room, lower: [null, -2, 0.5], upper: [3, null, null]}"))

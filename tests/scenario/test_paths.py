@@ -27,7 +27,7 @@ def test_distributions_in_a_scenario_are_exactly_its_values_of_that_type(scenari
     assert len(distributions) == 31
 
 
-def test_unchanged_parts_are_not_copied(scenario):
+def test_unchanged_parts_of_a_scenario_are_not_copied(scenario):
     assert map_leaves(scenario, lambda path, value: value) is scenario
     other = map_leaves(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
     changed = [path for path, value in leaves(other) if value is not dict(leaves(scenario))[path]]

@@ -1,4 +1,4 @@
-"""Tests that values in a wrong unit are questioned, and that values of vehicles from 20 g to 20 kg are not."""
+"""Tests that values in a wrong unit cause a remark, and that values of vehicles from 20 g to 20 kg do not."""
 
 import math
 import re
@@ -60,7 +60,7 @@ FAN_MAPPING = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "fl
          "lag is 70 s, which is implausible; 70 ms are 0.07 s"),
     ],
 )  # fmt: skip
-def test_a_value_in_a_wrong_unit_is_questioned_with_its_likely_unit(path, value, words):
+def test_a_remark_on_a_value_in_a_wrong_unit_names_its_likely_unit(path, value, words):
     scenario = load_scenario("hover", {path: value})
     assert any(re.search(words, question) for question in questions(scenario)), questions(scenario)
 
@@ -79,7 +79,7 @@ def test_a_fraction_in_percent_is_refused_with_its_value(override, words):
         load_scenario("hover", [override])
 
 
-def test_a_wrong_nominal_mass_is_questioned_only_once():
+def test_a_wrong_nominal_mass_causes_only_one_remark():
     """The vehicle takes its mass from `nominal`, and a wrong mass also makes the inertia implausible."""
     assert questions(load_scenario("hover", {"nominal.mass": 680.0})) == [
         "nominal.mass is 680 kg, which is implausible; 680 g are 0.68 kg"
@@ -87,7 +87,7 @@ def test_a_wrong_nominal_mass_is_questioned_only_once():
     assert len(questions(load_scenario("hover", {"nominal.mass": 680.0, "vehicle.mass": 700.0}))) == 2
 
 
-def test_correlations_and_small_standard_deviations_are_not_questioned():
+def test_correlations_and_small_standard_deviations_cause_no_remark():
     normal = {"mean": 9.8, "standard_deviation": 0.001, "min": 9.7, "shared": {"place": 0.9}}
     assert [*numbers_in({"normal": normal})] == [9.8, 0.001, 9.7]
     assert questions(load_scenario("hover", {"vehicle.gravity": {"normal": normal}})) == []
@@ -95,7 +95,7 @@ def test_correlations_and_small_standard_deviations_are_not_questioned():
 
 @pytest.mark.long
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each or "vehicles/" in each])
-def test_no_shipped_scenario_or_vehicle_is_questioned(spec):
+def test_no_shipped_scenario_or_vehicle_has_an_implausible_value(spec):
     if spec.startswith("controllers/"):
         return
     assert questions(load_undesigned(spec, SHORT_ROUTES.get(spec, []))) == []
@@ -105,12 +105,12 @@ ASYMMETRIC_VEHICLES = parse_document((TESTS_FOLDER / "asymmetric.yaml").read_tex
 
 
 @pytest.mark.parametrize("name", [*ASYMMETRIC_VEHICLES])
-def test_no_scenario_of_the_tests_is_questioned(name):
+def test_no_scenario_of_the_tests_has_an_implausible_value(name):
     assert questions(load_undesigned(TESTS_FOLDER / f"asymmetric.yaml:{name}")) == []
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.1, 0.5, 2.0, 7.0, 20.0])
-def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
+def test_no_vehicle_between_20_g_and_20_kg_has_an_implausible_value(mass):
     """All vehicles have the same shape and density, so lengths are proportional to the cube root of the mass.
 
     They have the same rotor tip speed, and a thrust-to-weight ratio of 1.5 or 16.
@@ -134,9 +134,9 @@ def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
         assert questions(scenario) == []
 
 
-def test_values_of_shipped_scenarios_in_a_wrong_unit_are_questioned():
+def test_values_of_shipped_scenarios_are_implausible_in_a_wrong_unit():
     """If a value is written in the unit with which its unit is often confused, it is outside the plausible range."""
-    questioned = set()
+    implausible = set()
     for spec in ("robustness", "neural_fly:wind_8", "laboratory:high_wind", "vehicles/hummingbird"):
         for _, mapping in mappings_in(load_undesigned(spec)):
             for name, field in type(mapping).model_fields.items():
@@ -144,15 +144,15 @@ def test_values_of_shipped_scenarios_in_a_wrong_unit_are_questioned():
                     if isinstance(condition, Plausible) and condition.upper < math.inf:
                         values = [abs(value) / condition.factor for value in numbers_in(getattr(mapping, name))]
                         if condition.explain_implausibility(max(values, default=0.0), 0.02):
-                            questioned.add(name)
-    assert questioned >= {
+                            implausible.add(name)
+    assert implausible >= {
         *("mass", "arm_length", "centre_of_mass", "rotor_time_constant", "rotor_time_constant_down", "lag"),
         *("position_noise", "attitude_noise", "misalignment", "thrust_factor_error", "flow", "diameter", "max_thrust"),
     }
 
 
 @pytest.mark.long
-def test_no_random_scenario_of_the_tests_is_questioned(tmp_path):
+def test_no_random_scenario_of_the_tests_has_an_implausible_value(tmp_path):
     rng = np.random.default_rng(3)
     for structure in structures(rng, 40):
         assert questions(scenario_of(structure, rng, tmp_path, duration=1.0)) == []

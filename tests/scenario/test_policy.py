@@ -249,7 +249,7 @@ def test_the_error_for_an_invalid_network_is_one_sentence(load_arrays, arrays, w
     assert "\n" not in str(error.value)
 
 
-def test_a_layer_has_no_more_than_4096_rows(load_arrays):
+def test_a_layer_has_no_more_than_4096_outputs(load_arrays):
     def arrays(rows):
         weights = {"weights_0": np.zeros((rows, 6)), "weights_1": np.zeros((3, rows))}
         return weights | {"biases_0": np.zeros(rows), "biases_1": np.zeros(3)}
@@ -796,7 +796,7 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
         ),
         (
             [helper.make_node("GRU", ["seen", "W", "W"], ["", "done"], hidden_size=3)],
-            "without linear_before_reset",
+            "has an unsupported GRU",
         ),
     ],
 )
@@ -868,7 +868,7 @@ def test_the_error_for_a_missing_onnx_library_names_the_library(load_onnx, monke
 
 @pytest.mark.parametrize("cube", [0.05, 0.04])
 def test_a_gate_that_only_resembles_gelu_is_refused(load_onnx, cube):
-    """Single precision changes the coefficient of x³ by far less than a tenth."""
+    """A wrong coefficient of x³ is not mistaken for the rounding error of single precision."""
     with pytest.raises(InputError, match="has branches that meet in a node Mul"):
         load_onnx(approximated_gelu("three", "cube"), {**GRAPH_CONSTANTS, "cube": np.array(cube)})
 

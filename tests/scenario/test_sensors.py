@@ -114,7 +114,7 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     ],
     ids=["vehicle", "response"],
 )
-def test_sensor_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
+def test_sensor_readings_of_uncompiled_compiled_and_fleet_flights_agree(asymmetric, scenario):
     """The parameters are random. One sensor has a shorter period than the control, the other one a longer period."""
     drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_OVERRIDE, WHOLE_FLIGHT_OVERRIDE, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
@@ -129,7 +129,7 @@ def test_sensor_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, s
 
 
 @pytest.mark.long
-def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
+def test_sensor_readings_of_uncompiled_and_compiled_flights_are_bit_identical():
     """The initial readings are not compared, since they are computed with the elementary functions of NumPy."""
     drawn = load_scenario("figure_eight", [SENSORS_OVERRIDE, "duration=0.5"])
     wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
@@ -142,7 +142,7 @@ def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
 EVERY_SENSOR = [
     {
         "kind": "accelerometer",
-        "period": 0.02,  # that of the recorded ticks
+        "period": 0.02,  # equals the period of the recorded ticks
         "noise_density": 0.003,
         "bias_instability": 0.02,
         "bias_time": 0.3,
@@ -206,7 +206,7 @@ EVERY_SENSOR = [
 
 
 @pytest.mark.long
-def test_readings_of_all_kinds_of_sensors_agree_in_wired_compiled_and_fleet_flights(asymmetric):
+def test_readings_of_all_kinds_of_sensors_agree_in_uncompiled_compiled_and_fleet_flights(asymmetric):
     sensors = f"laboratory.sensors={json.dumps(EVERY_SENSOR)}"
     drawn = asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.5", sensors)
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
@@ -371,7 +371,7 @@ def test_sensors_do_not_change_linear_models():
 @pytest.mark.long
 @pytest.mark.parametrize("layer", [name for name in shipped_scenarios() if name.startswith("sensors/")])
 def test_shipped_sensors_measure_hover_within_the_errors_of_their_data_sheets(layer):
-    """The flight is a sample, so the biases of a layer are drawn. White noise is below six standard deviations."""
+    """The sensors of a layer have random biases, which are drawn for a sample. White noise is below six deviations."""
     flight = simulate(load_scenario("hover", ["duration=0.4", "sample=1"], layers=[layer]))
     assert {"gyroscope", "accelerometer"} <= {*flight.scenario.laboratory.named_sensors}
     rates, force = flight.record("gyroscope"), flight.record("accelerometer")
@@ -411,7 +411,7 @@ def test_a_user_s_control_can_read_sensors():
 
 
 @pytest.mark.slow
-def test_environments_provide_the_validity_and_the_readings_of_any_sensor():
+def test_gym_environments_provide_the_validity_and_the_readings_of_any_sensor():
     steps = []
     envs = QuadrotorVectorEnv(
         "hover",
@@ -436,7 +436,7 @@ def test_environments_provide_the_validity_and_the_readings_of_any_sensor():
 
 
 @pytest.mark.slow
-def test_environments_provide_the_readings_of_sensors():
+def test_gym_environments_provide_the_readings_of_sensors():
     forces = []
     envs = QuadrotorVectorEnv(
         "hover",

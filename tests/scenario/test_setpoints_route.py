@@ -7,6 +7,7 @@ from drake_quad import InputError, load_mission, plan_route
 from drake_quad.reference.polynomial_path import evaluate
 
 ROUTE_OVERRIDE = "route={kind: setpoints, setpoints: %s, last_hold: 0.5}"
+# Time, position (x, y, z) and yaw of each setpoint.
 SETPOINTS = [[0.0, 0.1, 0.2, 1.0, 0.3], [1.0, 0.7, -0.2, 1.1, -0.4], [1.5, 0.0, 0.0, 0.9, 0.2]]
 
 

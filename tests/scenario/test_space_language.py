@@ -80,7 +80,7 @@ def test_a_space_has_the_given_obstacles(folder):
     np.testing.assert_allclose(sorted(rock.corners), sorted(expected), atol=1e-12)
 
 
-def test_the_predicted_error_is_multiplied_by_tracking(folder):
+def test_the_clearance_contains_the_predicted_error_times_tracking_error_factor(folder):
     space = load_scenario(folder / "rooms.yaml:room", "space.tracking_error_factor=3").space
     assert space.flight_space(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
 
@@ -94,7 +94,13 @@ def test_obstacles_are_merged_by_name(folder):
 
 
 @pytest.mark.parametrize(
-    ("name", "data"), [("rock.obj", obj_mesh()), ("binary.stl", binary_stl_mesh()), ("text.STL", text_stl_mesh())]
+    ("name", "data"),
+    [
+        ("rock.obj", obj_mesh()),
+        ("binary.stl", binary_stl_mesh()),
+        ("binary.stl", binary_stl_mesh() + b"bytes of an editor"),
+        ("text.STL", text_stl_mesh()),
+    ],
 )
 def test_the_corners_of_a_mesh_hull_become_the_obstacle(folder, name, data):
     (folder / name).write_bytes(data)
@@ -162,8 +168,9 @@ def test_errors_in_obstacles_give_file_line_and_field(folder, monkeypatch, overr
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"v 1 2\nv 3 four 5\n", "is not a mesh"),
-        (b"", "at least 4 points"),
+        (b"v 1 2\nv 3 four 5\n", "is incomplete, or not a mesh of the format"),
+        (b"", "is incomplete, or not a mesh of the format"),
+        (b"v 1 2 3\n", "at least 4 points"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "in a plane"),
         (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "finite"),
         (b"<?xml version='1.0'?>\n<robot name='x500'>", "describes a robot (URDF) and is not a mesh: give the mesh"),
@@ -178,6 +185,14 @@ def test_an_invalid_mesh_is_refused(folder, data, words):
     with pytest.raises(InputError, match=r"rock\.obj: ") as error:
         load_scenario(folder / "rooms.yaml:room")
     assert words in str(error.value)
+
+
+def test_a_binary_mesh_that_was_cut_is_refused(folder):
+    (folder / "rock.stl").write_bytes(binary_stl_mesh()[:-1])
+    path = folder / "rooms.yaml"
+    path.write_text(ROOM_SCENARIO.replace("rock.obj", "rock.stl"))
+    with pytest.raises(InputError, match=r"rock\.stl: is incomplete, or not a mesh of the format"):
+        load_scenario(f"{path}:room")
 
 
 def test_a_comment_in_a_mesh_may_name_other_formats(folder):

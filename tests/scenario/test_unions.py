@@ -245,7 +245,7 @@ def test_the_sliding_mode_command_is_limited_outside_its_boundary_layer(sliding_
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_flies_wired_and_in_compiled_fleets(sliding_mode):
+def test_a_user_s_position_controller_flies_uncompiled_and_in_compiled_fleets(sliding_mode):
     gain = {"uniform": {"min": 1.0, "max": 3.0}}
     assert_flown_alike(Batch.draw(figure_eight_with(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 

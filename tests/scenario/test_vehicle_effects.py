@@ -210,7 +210,7 @@ def hover(**changes):
 
 
 @pytest.mark.slow
-def test_a_user_s_effect_flies_wired_and_compiled(ceiling_effect):
+def test_a_user_s_effect_flies_uncompiled_and_compiled(ceiling_effect):
     """The acceleration in the first step follows from the thrust that the ceiling adds."""
     batch = Batch.draw(hover(), range(2))
     for flight, radius in zip(assert_flown_alike(batch), batch.varying["vehicle.ceiling.rotor_radius"], strict=True):

@@ -22,6 +22,7 @@ from drake_quad.signals import Wind
 
 REPOSITORY = Path(__file__).parent.parent.parent
 EXAMPLE_SCRIPT = REPOSITORY / "scripts" / "wind_shear.py"
+# Positions X, Y, Z at which winds are evaluated, m.
 POSITIONS = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
 SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
@@ -107,7 +108,7 @@ def hover(height=1.0, quadratic_drag=0.0, **wind):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
+def test_a_user_s_wind_follows_the_power_law_uncompiled_and_compiled(shear_wind):
     batch = Batch.draw(hover(height=5.0, exponent={"uniform": {"min": 0.1, "max": 0.3}}), range(3))
     for flight, exponent in zip(assert_flown_alike(batch), batch.varying["laboratory.wind.0.exponent"], strict=True):
         wind = flight.record("wind")

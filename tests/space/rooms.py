@@ -14,7 +14,7 @@ from drake_quad.reference.regions import Box
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, convex_hull
 from drake_quad.space.space import Obstacle, Space
 
-SPACING = 0.05  # m
+SPACING = 0.05  # m, distance between neighbouring grid points
 
 
 class Room(NamedTuple):

@@ -103,7 +103,8 @@ def detour(*corners):
 
 
 # The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
-DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
+DETOURS = [detour([2.0, 1.0 + offset, 1.0]) for offset in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
+# Timing method and limits of the path.
 TIMINGS_AND_LIMITS = {
     "heuristic": (HeuristicTiming(), LIMITS),
     "shortest": (MinimumTimeTiming(), LIMITS),
@@ -178,7 +179,7 @@ def test_the_path_passes_a_gate_at_a_free_point(gate):
 def test_a_gate_without_a_free_point_is_rejected(gate):
     wall = Cuboid((2.0, 1.0, 1.0), size=(0.3, 4.0, 3.0))
     with pytest.raises(
-        InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
+        InputError, match=r"waypoint 1, .* contains no point with a clearance of 0.2 m .*: solid_1 is too near"
     ):
         plan_collision_free_path(
             space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall),
@@ -209,7 +210,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
     """Two spheres leave a gap of 2 mm, and 21 points along 1 m have a spacing of 5 cm."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
-    with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
+    with pytest.raises(InputError, match="contains almost no point with a clearance of 0.2 m"):
         plan_collision_free_path(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), HeuristicTiming())
 
 
@@ -397,7 +398,7 @@ def test_the_message_distinguishes_blocked_waypoints_from_gaps_between_grid_poin
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
-        with pytest.raises(InputError, match=f"waypoint 1, .* has {words} with a clearance of 0.2 m"):
+        with pytest.raises(InputError, match=f"waypoint 1, .* contains {words} with a clearance of 0.2 m"):
             around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
@@ -408,5 +409,5 @@ def test_free_points_keep_the_clearance_plus_the_slack_of_regions():
         if fits:
             assert len(around._free_points(problem, space, BOUNDS)) == 2
         else:
-            with pytest.raises(InputError, match="waypoint 1, .* has almost no point"):
+            with pytest.raises(InputError, match="waypoint 1, .* contains almost no point"):
                 around._free_points(problem, space, BOUNDS)

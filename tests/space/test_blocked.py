@@ -27,9 +27,13 @@ def explanation_of(walls, places=(LEFT_WAYPOINT, RIGHT_WAYPOINT), corridors=None
     return explain_blockage(space, bounds, PathProblem(places, corridors=corridors))
 
 
+# Walls by name, and part of the expected message.
 BLOCKED_ROOMS = {
     "one wall": ({"a": wall(1.0)}, "without a, there would be a route"),
-    "one of two, of which one leaves a way": ({"a": wall(0.7, high=0.3), "b": wall(1.3)}, "without b, there would be"),
+    "one of two walls, since the other has a gap": (
+        {"a": wall(0.7, high=0.3), "b": wall(1.3)},
+        "without b, there would be",
+    ),
     "both of two": ({"a": wall(0.7), "b": wall(1.3)}, "without a and b, there would be a route"),
     "all of three": (
         {"a": wall(0.6), "b": wall(1.0), "c": wall(1.4)},

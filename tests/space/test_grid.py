@@ -121,7 +121,7 @@ def tunnel(room):
 
 
 @pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
-def test_the_cost_of_a_route_falls_with_clearance_from_twice_its_length(room, factor):
+def test_the_weighted_length_is_twice_the_length_at_the_smallest_clearance_and_less_beyond(room, factor):
     """Only the middle row is free, so all steps of the route have the same clearance."""
     grid, row = tunnel(room)
     clearance = grid.space.clearance

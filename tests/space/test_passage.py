@@ -85,6 +85,7 @@ BOXES_AROUND_PILLAR = (
 )
 START = Box.point([0.5, 2.1, 0.5])
 END = Box.point([3.5, 2.3, 0.5])
+# Corners of the boxes, waypoints, and the corridor of each leg.
 MAZES = {
     "around a pillar": (BOXES_AROUND_PILLAR, [START, END], [None]),
     "the other way around it": (BOXES_AROUND_PILLAR, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
@@ -110,7 +111,7 @@ MAZES = {
         [None],
     ),
     # The route along the top is 8 cm longer, which is less than the cost of a transition.
-    "a detour that saves a handover": (
+    "a detour with fewer transitions": (
         (
             ([0, 0, 0], [0.8, 1, 1]),
             ([0.7, 0, 0], [1.5, 1, 1]),
@@ -175,15 +176,15 @@ def test_random_passages_differ_only_if_their_lengths_are_similar():
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that the route through it is 40 m long. The route along the top has 5
-    # m.
+    # The centre of the bottom box is so far away that the route through it is 40 m long. The route along the top is 5 m
+    # long.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
-def test_passage_lengths_include_the_distance_from_a_waypoint_to_its_region_s_centre():
+def test_passage_lengths_include_the_distance_from_a_waypoint_to_the_centre_of_its_region():
     """Two large boxes each contain both ends. The distances from an end to the centres determine which box is used."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]

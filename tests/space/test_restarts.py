@@ -21,8 +21,8 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred restarts in ten rooms. The omitted rooms have no route, or random regions do not
-# connect start and end.
+# `make passages` tries a hundred restarts in ten rooms. Other rooms have no route, or random regions do not connect
+# start and end.
 NUM_RESTARTS = int(os.environ.get("RESTARTS", "10"))
 ROOM_SEEDS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if NUM_RESTARTS >= 100 else 1]
 # Number of passages that are drawn through the same regions.

@@ -18,8 +18,8 @@ from drake_quad.space.around import plan_collision_free_path
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# `make rooms` plans a hundred rooms. By default, room 4 is one that has no route, and room 1 is planned with minimum
-# snap.
+# `make rooms` plans a hundred rooms. By default only three are planned. Room 4 has no route, and room 1 is planned with
+# minimum snap.
 ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
@@ -29,7 +29,7 @@ def plan(room, timing):
     return plan_collision_free_path(room.space, room.bounds, problem, timing)[0]
 
 
-def keeps_clear(room, path):
+def keeps_clearance(room, path):
     """Return whether a path keeps the clearance at 10,000 points, up to rounding errors."""
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 10_000)).T
     inside = (points >= room.bounds.low - 1e-6).all() and (points <= room.bounds.high + 1e-6).all()
@@ -50,7 +50,7 @@ def test_random_rooms_are_planned_unless_they_are_blocked(seed):
         if "a route may exist" not in str(error):
             assert search.is_surely_blocked() or Search(room, 0.02).is_surely_blocked()
     else:
-        assert keeps_clear(room, path)
+        assert keeps_clearance(room, path)
         np.testing.assert_allclose(path.waypoints[[0, -1]], room.places, atol=1e-9)
 
 
@@ -93,7 +93,7 @@ PASSAGE_TIMINGS = [
 def test_the_path_uses_the_same_opening_as_the_shortest_route(name, timing):
     room = walled(*WALLS_WITH_OPENINGS[name])
     path = plan(room, timing)
-    assert keeps_clear(room, path)
+    assert keeps_clearance(room, path)
     for order, limit in LIMITS.by_order.items():
         assert peak_norm(path, order) <= limit + 1e-9
     way = Search(room).shortest()

@@ -158,7 +158,7 @@ class SmallRegions(Regions):
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
 def test_most_free_points_are_covered_starting_with_the_largest_clearance(count, grown):
-    """Growth ends at 40 regions, or when at most 5 % of the points are uncovered, for 20 points or more."""
+    """Growth ends at 40 regions, or when at most 5 % of the points are uncovered. Each region covers one point."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)
     regions = SmallRegions()

@@ -14,8 +14,8 @@ from drake_quad.framework.records import ROW
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, convex_hull, transformed_points
 from drake_quad.space.space import Obstacle, Space
 
-CENTRE = (0.3, -0.7, 1.1)
-ROTATION = (0.4, -0.9, 2.0)
+CENTRE = (0.3, -0.7, 1.1)  # m
+ROTATION = (0.4, -0.9, 2.0)  # rad: roll, pitch, yaw
 HULL_POINTS = np.random.default_rng(5).normal(size=(30, 3))
 SHAPES = {
     "cuboid": Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)),

@@ -20,12 +20,12 @@ def sphere(count, seed=0):
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
-def drone(corners_per_disc, more=0):
+def drone(corners_per_disc, num_dome_points=0):
     """Return the vertices of a drone: a frame with four rotor guards and a dome.
 
     Args:
         corners_per_disc: number of points on the arc of each guard, each of which adds eight corners to the hull.
-        more: number of vertices on the dome.
+        num_dome_points: number of vertices on the dome.
     """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
     arc = np.linspace(0.0, 0.5 * math.pi, corners_per_disc)
@@ -36,16 +36,18 @@ def drone(corners_per_disc, more=0):
         for z in (-0.02, 0.03)
     ]
     inside = np.random.default_rng(0).uniform(-0.1, 0.1, (500, 3)) * [1.0, 1.0, 0.1]
-    turns = 2.0 * math.pi * np.arange(more) / max(more, 1)
-    dome = np.column_stack([0.03 * np.cos(turns), 0.03 * np.sin(turns), np.full(more, 0.06)])
+    turns = 2.0 * math.pi * np.arange(num_dome_points) / max(num_dome_points, 1)
+    dome = np.column_stack([0.03 * np.cos(turns), 0.03 * np.sin(turns), np.full(num_dome_points, 0.06)])
     return np.vstack([points, inside, dome])
 
 
+# Vertices of a mesh, and the largest allowed growth of its hull relative to its size.
 MESHES = {
     "sphere of 500": (sphere(500), 0.022),
     "sphere of 120": (sphere(120), 0.015),
     "flat ellipsoid": (sphere(400, 1) * [1.0, 1.0, 0.02], 0.03),
     "needle": (sphere(400, 2) * [1.0, 0.01, 0.01], 0.03),
+    "needle as thin as a hull may be": (sphere(5000, 11) * [1.0, 1e-6, 1e-6], 0.03),
     "leaning ellipsoid": (sphere(400, 3) @ np.random.default_rng(3).normal(size=(3, 3)), 0.035),
     "far from the origin": (1e3 + 0.2 * sphere(150, 4), 0.02),
     "in coordinates of a map": (sphere(150, 4) + np.array([4.5e5, 5.3e6, 300.0]), 0.02),
@@ -174,12 +176,14 @@ def test_the_distance_from_a_flat_hull_is_measured_from_the_span_of_its_corners(
         ):
             flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [-0.2, 0.7, 0.0]])[:count]
             away = size * np.array([2.0, -3.0, 1.0])
-            actual = simplification._outside(size * points + away, size * flat + away)
+            actual = simplification._distances_from_hull(size * points + away, size * flat + away)
             np.testing.assert_allclose(actual, size * distances, atol=1e-9 * size)
         solid = np.vstack([flat, [0.3, 0.2, -0.9]])
         hull = convex_hull(solid)
         expected = (points @ np.array(hull.normals).T - hull.offsets).max(axis=1)
-        np.testing.assert_allclose(simplification._outside(size * points, size * solid), size * expected, rtol=1e-6)
+        np.testing.assert_allclose(
+            simplification._distances_from_hull(size * points, size * solid), size * expected, rtol=1e-6
+        )
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])

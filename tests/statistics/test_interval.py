@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 
-EXAMPLE = Interval(0.2, 0.1, 0.4)
+EXAMPLE = Interval(value=0.2, low=0.1, high=0.4)
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 
 
 def test_negation_and_shifts_change_the_value_and_both_ends():
     assert -EXAMPLE == (-0.2, -0.4, -0.1)
     assert EXAMPLE.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
-    # Reduction that corresponds to a ratio.
+    # The estimate is a ratio, and this is the corresponding reduction, 1 - ratio.
     assert -EXAMPLE.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
     assert EXAMPLE.without_interval().percent() == "20.0 %"
 
@@ -26,7 +26,7 @@ def test_a_comparison_with_a_level_within_the_interval_is_undecided(level, expec
     assert EXAMPLE.is_above(level) is expected
 
 
-def test_an_unbounded_interval_decides_no_comparison_on_its_open_side():
+def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
     assert Interval(1.0, math.nan, math.nan).is_above(0.0) is None
     assert Interval(1.0, 0.5, math.inf).is_above(0.0) is True
     assert Interval(1.0, -math.inf, 2.0).is_above(0.0) is None
@@ -110,8 +110,8 @@ def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_th
     assert low <= printed <= high
     assert (low < printed) == (exact.low < exact.value)
     assert (printed < high) == (exact.value < exact.high)
-    # Rounding moves an end by less than one unit of the last digit. The unit is at most a twentieth of the width, or a
-    # tenth if one end is the estimate, which is rounded by half a unit.
+    # Rounding moves an end by less than one unit of the last digit, and the estimate by at most half a unit. The unit
+    # is at most a twentieth of the width, or a tenth if one end is the estimate.
     assert high - low <= (1.1 if min(below, above) else 1.15) * (exact.high - exact.low) + rounding
 
 

@@ -38,7 +38,7 @@ def test_independent_samples_have_the_plain_intervals():
 
 
 def test_equal_samples_of_a_replicate_count_once():
-    """A proportion of 40 replicates of ten equal samples is as uncertain as one of 40 samples or fewer."""
+    """A proportion from 40 replicates, each of ten equal samples, is at least as uncertain as one from 40 samples."""
     occurs = np.random.default_rng(3).random(40) < 0.3
     replicates = Replicates(np.repeat(np.arange(40), 10))
     assert replicates.effective_number(np.repeat(occurs, 10)) == pytest.approx(37, abs=2)

@@ -83,7 +83,8 @@ def test_a_run_counts_its_evaluations_and_keeps_the_samples_with_the_event():
     assert run.levels[-1] == 0.0
     np.testing.assert_array_equal(run.performance, half_space(1e-4)(run.points, run.noise))
     assert np.all(run.performance >= 0.0)
-    assert run.probability == pytest.approx(0.1 ** (len(run.levels) - 1) * len(run.performance) / 400)
+    assert run.probability == pytest.approx(math.prod(run.fractions[:-1]) * len(run.performance) / 400)
+    assert run.fractions[:-1] == (0.1,) * (len(run.levels) - 1)
     assert 1e-5 < run.probability < 1e-3
     # Most samples with the event are near its boundary, and so is their mean.
     assert mean_of(run.points).mean() == pytest.approx(3.96, abs=0.2)
@@ -92,10 +93,10 @@ def test_a_run_counts_its_evaluations_and_keeps_the_samples_with_the_event():
 def test_the_probability_of_exceedance_is_known_at_all_levels():
     runs = runs_of(half_space(1e-5), 3, size=1000)
     thresholds = np.linspace(scipy.special.ndtri(1e-5), 0.0, 7)
-    estimates = np.mean([run.exceedance(thresholds, 0.1) for run in runs], axis=0)
+    estimates = np.mean([run.exceedance(thresholds) for run in runs], axis=0)
     exact = scipy.special.ndtr(scipy.special.ndtri(1e-5) - thresholds)
     np.testing.assert_allclose(estimates, exact, rtol=0.4)
-    assert [run.exceedance(np.zeros(1), 0.1)[0] for run in runs] == [run.probability for run in runs]
+    assert [run.exceedance(np.zeros(1))[0] for run in runs] == [run.probability for run in runs]
 
 
 def test_a_frequent_event_needs_no_chains():
@@ -112,6 +113,34 @@ def test_an_event_that_is_not_reached_has_probability_zero():
     assert len(run.performance) == 0
     with pytest.raises(InputError, match="1 of 6 runs did not reach the event"):
         probability_of_runs([0.1] * 5 + [0.0])
+
+
+@pytest.mark.parametrize("value", [-np.inf, -7.0])
+def test_equal_performances_of_most_samples_do_not_change_the_probability(value):
+    """The metric of most flights may be constant or infinite, such as the settling time of a flight without an end."""
+
+    def mostly_equal(points, noise):
+        distances = half_space(1e-4)(points, noise)
+        return np.where(mean_of(points) < -scipy.special.ndtri(0.05), value, distances)
+
+    runs = runs_of(mostly_equal, 2, number=20, size=500)
+    assert runs[0].levels[0] > value
+    assert 0.03 < runs[0].fractions[0] < 0.07
+    interval = probability_of_runs([run.probability for run in runs])
+    assert interval.low < 1e-4 < interval.high < 3e-4
+
+
+def test_a_run_ends_if_almost_all_samples_have_the_same_performance():
+    run = runs_of(lambda points, noise: np.where(mean_of(points) > 2.6, 1.0, -3.0), 0, number=1, size=1000)[0]
+    assert run.probability == 0.0
+    assert 0.99 < run.equal_fraction < 1.0
+    assert len(run.performance) == 0
+
+
+def test_a_frequent_event_is_counted_if_all_other_samples_have_the_same_performance():
+    run = runs_of(lambda points, noise: np.where(mean_of(points) > 2.0, 1.0, -3.0), 0, number=1, size=1000)[0]
+    assert run.probability == pytest.approx(scipy.special.ndtr(-2.0), abs=0.01)
+    assert run.num_evaluations == 1000
 
 
 def test_too_few_runs_have_no_interval():

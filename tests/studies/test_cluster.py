@@ -1,4 +1,4 @@
-"""Tests of studies on a Dask cluster: equal rows, and clear messages if the cluster fails.
+"""Tests that studies on a Dask cluster have the results of local studies, and clear messages if the cluster fails.
 
 
 Dask runs in other processes, since its threads would remain in this process, which other tests fork.
@@ -42,7 +42,7 @@ class Cluster:
         self.address = None
         while self.address is None:
             time.sleep(0.05)
-            with suppress(FileNotFoundError, json.JSONDecodeError):  # the file exists before it is written
+            with suppress(FileNotFoundError, json.JSONDecodeError):  # the file may be missing or incomplete
                 self.address = json.loads(self._file.read_text())["address"]
 
     def add_worker(self, sources=ROOT):
@@ -78,8 +78,8 @@ def monte_carlo(address, folder, *options, command="study"):
     return subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def until_rows(study, folder):
-    """Wait until a study has some rows."""
+def wait_for_results(study, folder):
+    """Wait until a study has written some results."""
     results = folder / "results.csv"
     while study.poll() is None and not (results.exists() and results.read_text().count("\n") > 3):
         time.sleep(0.05)
@@ -128,11 +128,11 @@ def frozen(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_a_study_on_a_cluster_has_the_rows_of_a_local_study(cluster, tmp_path):
+def test_a_study_on_a_cluster_has_the_results_of_a_local_study(cluster, tmp_path):
     """The study is interrupted by Ctrl-C and resumed."""
     folder = tmp_path / "study"
     interrupted = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "3", "--workers", "2")
-    until_rows(interrupted, folder)
+    wait_for_results(interrupted, folder)
     interrupted.send_signal(signal.SIGINT)
     _, stderr = interrupted.communicate()
     assert interrupted.returncode == 1, stderr
@@ -177,15 +177,15 @@ with dask_pool("{cluster.address}") as pool:
 
 
 def signalled(cluster, folder, sent):
-    """Return a study that has some rows when its scheduler receives a signal."""
+    """Return a study that has written some results when its scheduler receives a signal."""
     study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
-    until_rows(study, folder)
+    wait_for_results(study, folder)
     cluster.scheduler.send_signal(sent)
     return study
 
 
 def check_end(study, cluster, folder, words):
-    """Check that a study ends with a message and keeps its rows."""
+    """Check that a study ends with a message and keeps its results."""
     _, stderr = study.communicate()
     rows = len(read_study(folder).samples)
     assert 0 < rows < 3000

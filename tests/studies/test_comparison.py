@@ -43,7 +43,7 @@ def test_samples_fly_in_the_given_order():
     assert told[-1] == (pytest.approx(0.2), pytest.approx(0.2))
 
 
-def test_samples_fly_in_one_fleet_compiled_by_default(monkeypatch):
+def test_samples_fly_in_one_fleet_that_is_compiled_by_default(monkeypatch):
     fleets = []
 
     def fleet(_, plan, num_samples, *, compiled):

@@ -97,7 +97,8 @@ def test_the_partial_rank_correlation_agrees_with_the_recursion_formula():
     expected = (r[0, 1] - r[0, 2] * r[1, 2]) / math.sqrt((1.0 - r[0, 2] ** 2) * (1.0 - r[1, 2] ** 2))
     found = partial_rank_correlation(x, y, z[None])
     assert found.value == pytest.approx(expected, rel=1e-12)
-    # The interval is Fisher's with the variance of Bonett and Wright, for one sample fewer.
+    # The interval is that of a rank correlation (Bonett and Wright) with 499 samples instead of 500, since one variable
+    # is held constant.
     reach = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
     assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(reach, rel=1e-6)
     assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(reach, rel=1e-6)

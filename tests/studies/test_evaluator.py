@@ -26,7 +26,7 @@ def scenario():
 
 
 def drawn(scenario, samples):
-    """Return the points whose values are those of samples of the study."""
+    """Return the points of the unit cube that correspond to samples of the study."""
     names = [name if name.startswith("shared ") else _stream(name) for name in coordinates(scenario)]
     return np.column_stack([parameter_numbers(scenario.seed, samples, name) for name in names])
 
@@ -69,7 +69,7 @@ def test_a_shared_variable_moves_all_its_fields(scenario):
     assert small["vehicle.linear_drag"] == large["vehicle.linear_drag"] == pytest.approx(0.2)
 
 
-def test_the_ends_of_the_cube_are_allowed(scenario):
+def test_points_on_the_boundary_of_the_unit_cube_are_allowed(scenario):
     values = Batch.at_points(scenario, np.array([[0.0] * 4, [1.0] * 4]), [0, 0]).varying
     assert values["vehicle.mass"] == pytest.approx([0.6, 0.8])
 

@@ -62,9 +62,22 @@ def test_a_requirement_is_minimised(scenario):
 def test_an_early_crash_is_the_worst_case():
     scenario = load_scenario("hover", ["duration=0.6", *DISTRIBUTIONS, "crash.position_error=0.05"])
     found = find_worst_case(scenario, "rmse", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    assert found.is_crash
     assert math.isinf(found.value)
     crash_times = run_monte_carlo(scenario, 500, num_workers=1).metrics.crash_time
     assert simulate(found.scenario, compiled=True).metrics.crash_time <= crash_times.min()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("maximise", "crashes"), [(True, False), (True, True), (False, True)])
+def test_an_infinite_metric_is_no_crash_and_better_than_a_crash(maximise, crashes):
+    overrides = [*DISTRIBUTIONS, "metrics.additional.settling_time.radius=0.02"]
+    crash = ["crash.position_error=0.05"] if crashes else []
+    scenario = load_scenario("hover", ["duration=0.6", *overrides, *crash])
+    found = find_worst_case(scenario, "settling_time", maximise=maximise, max_flights=MIN_FLIGHTS, num_noise=1)
+    assert found.is_crash is crashes
+    assert math.isinf(found.value)
+    assert simulate(found.scenario, compiled=True).metrics.crashed == crashes
 
 
 @pytest.mark.parametrize(
@@ -79,6 +92,13 @@ def test_an_early_crash_is_the_worst_case():
 def test_impossible_searches_are_refused(scenario, options, words):
     with pytest.raises(InputError, match=words):
         find_worst_case(scenario, **{"metric": "rmse", **options})
+
+
+@pytest.mark.slow
+def test_a_metric_that_is_the_same_in_all_flights_has_no_worst_case():
+    scenario = load_scenario("hover", ["duration=0.6", *DISTRIBUTIONS])
+    with pytest.raises(InputError, match=r"saturated_fraction is 0 in all 250 flights, so there is no worst case"):
+        find_worst_case(scenario, "saturated_fraction", max_flights=MIN_FLIGHTS, num_noise=1)
 
 
 def test_a_scenario_without_distributions_has_no_worst_case():

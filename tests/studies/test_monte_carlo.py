@@ -114,7 +114,7 @@ def test_results_do_not_depend_on_the_executor(whole):
             assert_same(run(executor=workers), whole[1])
 
 
-def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
+def test_a_sample_flown_alone_has_the_same_metrics_as_in_the_study(whole):
     """The metrics agree within 1e-9, also for the first sample that crashes."""
     for sample in {0, int(np.argmin(whole[1].metrics.crash_time))}:
         alone = simulate(study(), seed=5, sample=sample, compiled=False)
@@ -489,7 +489,7 @@ def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers
 
 
 def test_memory_is_used_only_for_flown_samples(tmp_path):
-    """Rows for two billion samples would take 250 GB."""
+    """The results of two billion samples would take 250 GB."""
     count = 2_000_000_000
     seen = []
 
@@ -592,7 +592,7 @@ def test_a_trial_reports_invalid_input_but_not_other_failures():
 
 @pytest.mark.long
 def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, monkeypatch):
-    """No fleet is built before a fork for other executors, user systems, or complete studies."""
+    """Fleets are not built in this process if a study is complete, has user systems, or uses another executor."""
     prepared, fleets = [], vars(flying._thread_data)
 
     def prepare_and_tell(job):
@@ -663,7 +663,7 @@ def broken(num_vehicles):
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["latin_hypercube", "sobol"])
-def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, tmp_path):
+def test_latin_hypercube_and_sobol_draws_do_not_depend_on_batches_workers_or_interruptions(kind, tmp_path):
     options = {"num_samples": 40, "draws": kind}
     found = run(tmp_path, **options)
     assert found.scenario.draws.size == 2
@@ -676,15 +676,15 @@ def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, 
     resumed = run(tmp_path, resume=True, **options)
     assert (tmp_path / "results.csv").read_bytes() == content
     assert 0.0 < resumed.simulated_time < found.simulated_time
-    # The scenario of the folder flies the same sample.
+    # The scenario in the folder reproduces the flight of a sample.
     alone = simulate(load_scenario(tmp_path / "scenario.yaml"), sample=33)
     assert alone.metrics.rmse == pytest.approx(found.metrics.rmse[33], rel=1e-9)
     assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
 
 
 @pytest.mark.long
-def test_designed_draws_do_not_change_wind_and_noise():
-    """The drawn field has no effect, so the flights equal those with independent draws."""
+def test_sobol_draws_do_not_change_wind_and_noise():
+    """The drawn field has almost no effect, so flights with Sobol draws agree with those of independent draws."""
     harmless = load_scenario(
         "laboratory:low_wind", ["duration=0.3", "vehicle.gravity={uniform: {min: 9.81, max: 9.8100001}}"]
     )

@@ -68,10 +68,10 @@ def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scen
 
 
 @pytest.mark.slow
-def test_an_impossible_event_is_refused_with_the_largest_value(monkeypatch):
+def test_an_impossible_event_is_refused_with_the_largest_value_that_was_reached(monkeypatch):
     monkeypatch.setattr(subset_simulation, "_MAX_LEVELS", 3)
     quiet = load_scenario("hover", ["duration=0.1", MASS_DISTRIBUTION])
-    with pytest.raises(InputError, match=r"peak_error > 4 is too rare: a run ended below .* at peak_error = "):
+    with pytest.raises(InputError, match=r"peak_error > 4 is too rare: a run ended without .* and peak_error = "):
         estimate_risk(quiet, "peak_error > 4", size=500)
 
 
@@ -91,7 +91,7 @@ def test_a_text_that_is_not_an_event_is_refused(scenario, text, words):
         Event.parse(text, scenario)
 
 
-def test_performances_are_positive_if_the_event_occurs():
+def test_performances_are_not_negative_if_the_event_occurs():
     scenario = load_scenario("hover", ["requirements={near: {always: {signal: position_error, below: 0.1}}}"])
     kind = scenario.metrics_type
     values = {name: np.zeros(3) for name in kind._fields}
@@ -102,10 +102,21 @@ def test_performances_are_positive_if_the_event_occurs():
     crash = Event("crash").performance(metrics)
     assert [*(crash >= 0.0)] == [False, False, True]
     assert crash[1] > crash[0]
+    assert [*(Event("near", -1.0, 0.1).performance(metrics) >= 0.0)] == [False, True, True]
     np.testing.assert_allclose(Event("near", -1.0, 0.5).value(np.array([0.2])), [0.3])
     undefined = metrics._replace(peak_error=np.array([0.1, np.nan, 0.2]))
     with pytest.raises(InputError, match="peak_error is not defined in every flight"):
         Event("peak_error", 1.0, 0.4).performance(undefined)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("event", "value"), [("saturated_fraction > 0", "0"), ("settling_time < 0.3", "inf")])
+def test_a_metric_that_is_the_same_in_almost_all_flights_is_refused(event, value):
+    """Such a metric does not show how close a flight is to the event."""
+    scenario = load_scenario("hover", [*OVERRIDES, "metrics.additional.settling_time.radius=1e-9"])
+    words = rf"{event.split()[0]} is {value} in 100.0% of the samples of a step, .* choose another metric"
+    with pytest.raises(InputError, match=words):
+        estimate_risk(scenario, event, size=500)
 
 
 @pytest.mark.slow

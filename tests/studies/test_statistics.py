@@ -269,7 +269,7 @@ def test_samples_without_a_metric_come_last_among_the_worst_samples():
     assert worst_samples(study(np.arange(8.0))) == [7, 6, 5, 4, 3]
 
 
-def test_the_statistics_of_designed_draws_follow_from_their_replicates():
+def test_the_statistics_of_sobol_draws_follow_from_their_replicates():
     """If the samples of each replicate are equal, they count once."""
     rng = np.random.default_rng(3)
     rmse, baseline, crashed = rng.gamma(3.0, 0.02, 20), rng.gamma(3.0, 0.02, 20), rng.random(20) < 0.3

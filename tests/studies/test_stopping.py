@@ -81,7 +81,7 @@ def test_rules_are_parsed(scenario, text, expected):
         ("rmse", "is not a stopping rule; write it as in"),
         ("rmse ± 0 %", "must be above 0 % and below 100 %"),
         ("rmse ± x %", "must be above 0 % and below 100 %"),
-        ("speed ± 1 %", "speed is not crash, a requirement or a metric of robustness; these are near, rmse"),
+        ("speed ± 1 %", "speed is not crash, a requirement or a metric of robustness; choose from near, rmse"),
     ],
 )
 def test_wrong_rules_are_refused(scenario, text, message):

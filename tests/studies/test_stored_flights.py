@@ -106,7 +106,7 @@ def test_an_interruption_says_how_many_flights_are_saved(search):
     assert len(search(resume=True)[1]) == 9
 
 
-def test_other_searches_are_not_continued(search, tmp_path):
+def test_a_search_with_other_settings_or_points_is_not_continued(search, tmp_path):
     search(metric="rmse")
     with pytest.raises(InputError, match="already contains a study; continue it with --resume"):
         search(metric="rmse")

@@ -78,7 +78,7 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
 
 
 def test_drawn_values_are_compared_to_the_number_of_written_digits(two_masses):
-    """Twelve digits are written; a value that differs in the eleventh digit does not count as drawn."""
+    """Twelve digits are written, so a row is invalid if a drawn value differs from the seed's in the eleventh digit."""
     samples = [4, 0, 2]
     rows = study_rows(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12

@@ -1,4 +1,4 @@
-"""Tests of the rows of a running study and of its folder."""
+"""Tests of the results of a running study and of its folder."""
 
 import math
 
@@ -28,7 +28,7 @@ def hover():
 
 
 def table(samples, crash_time=math.inf, value=0.5):
-    """Return rows of a scenario without distributions."""
+    """Return the results of samples of a scenario without distributions, with equal values of all metrics."""
     columns = [np.full(len(samples), value)] * (len(Metrics._fields) - 1)
     batch = Batch.draw(load_scenario("diagrams/hover.yaml", ["duration=2"]), samples)
     return study_rows(batch, Metrics(*columns, np.full(len(samples), crash_time)))

@@ -37,7 +37,7 @@ def study(scenario):
     return Study.from_rows(scenario, 0.1, rows, failures={2: "too fast"})
 
 
-def test_a_frame_has_rows_for_samples_and_columns_for_paths_and_metrics(study, scenario):
+def test_a_pandas_table_has_a_row_for_each_sample_and_columns_for_drawn_fields_and_metrics(study, scenario):
     frame = study.to_frame()
     assert frame.index.name == "sample"
     assert frame.index.tolist() == [1, 3, 4]
@@ -80,7 +80,7 @@ def test_the_obstacles_of_crashes_are_saved(tmp_path):
     np.testing.assert_array_equal(again.obstacle_hit > 0, again.metrics.crashed)
 
 
-def test_a_frame_has_units_and_attributes(study):
+def test_a_pandas_table_has_units_and_attributes(study):
     attributes = study.to_frame().attrs
     units = attributes["units"]
     assert units["vehicle.mass"] == "kg"
@@ -91,7 +91,7 @@ def test_a_frame_has_units_and_attributes(study):
     assert (attributes["scenario"], attributes["duration"]) == ("hover", 0.1)
 
 
-def test_a_frame_read_from_parquet_is_unchanged(study, tmp_path):
+def test_a_pandas_table_read_from_parquet_is_unchanged(study, tmp_path):
     path = study.to_parquet(tmp_path / "results.parquet")
     frame, again = study.to_frame(), pd.read_parquet(path)
     pd.testing.assert_frame_equal(again, frame)

@@ -111,7 +111,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
 
 
 @pytest.mark.parametrize(("count", "crashed"), [each for each in SAMPLES_AND_CRASHES if each[0]])
-def test_a_comparison_has_no_negative_fraction_and_no_test_without_a_crash(count, crashed):
+def test_fractions_in_a_comparison_are_not_negative_and_crashes_have_a_p_value(count, crashed):
     pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
     summary = comparison_table(pairs, "rmse")
     ((name, difference, fraction, better, num_pairs, alone, significance),) = summary.rows

@@ -112,7 +112,7 @@ def run(**options):
 
 
 @pytest.mark.long
-def test_a_user_s_controller_gives_each_sample_its_result_of_a_single_flight():
+def test_a_user_s_controller_gives_each_sample_the_same_result_in_a_study_and_in_a_single_flight():
     found = run(position_controller=Own)
     alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
     np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)

@@ -121,7 +121,7 @@ def test_a_given_executor_flies_all_batches():
     assert len(submitted) == 2
 
 
-def test_a_reason_is_shortened_to_one_line():
+def test_the_reason_for_a_failure_is_shortened_to_one_line():
     def complain(samples):
         raise ValueError("many\nlines " + "and words " * 100)
 
@@ -132,7 +132,7 @@ def test_a_reason_is_shortened_to_one_line():
 
 
 @pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
-def test_a_reason_of_three_hundred_characters_is_not_shortened(length, shown):
+def test_a_reason_for_a_failure_of_three_hundred_characters_is_not_shortened(length, shown):
     def complain(samples):
         raise ValueError("x" * length)
 

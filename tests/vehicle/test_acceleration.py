@@ -17,7 +17,7 @@ from drake_quad.vehicle.attitude_response import AttitudeResponseQuadrotor
 from drake_quad.vehicle.quadrotor import Quadrotor
 
 VEHICLE_TIME_STEP = 1e-4  # s
-MOTION_ROWS = ["v_x", "v_y", "v_z", "p", "q", "r"]
+MOTION_COMPONENTS = ["v_x", "v_y", "v_z", "p", "q", "r"]
 INPUT_VALUES = {
     "rotor_speed_command": [222.0, 190.0, 236.0, 205.0],
     "throttle_command": [0.42, 0.35, 0.45, 0.38],
@@ -47,7 +47,7 @@ def fix_inputs(system, context):
 def motion_and_acceleration_of(system, context):
     state = State(*system.GetOutputPort("state").Eval(context))
     acceleration = VehicleAcceleration(*system.GetOutputPort("acceleration").Eval(context))
-    return [getattr(state, name) for name in MOTION_ROWS], list(acceleration)
+    return [getattr(state, name) for name in MOTION_COMPONENTS], list(acceleration)
 
 
 @pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)

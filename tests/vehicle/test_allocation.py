@@ -140,7 +140,8 @@ def test_each_part_of_a_wrench_is_optimal_given_the_parts_with_higher_priority(s
 @with_both_priorities
 @pytest.mark.parametrize(
     "wrench",
-    # The yaw torque moves the two rotors of roll or pitch from 40 % or 60 % of their range beyond its middle.
+    # The thrust puts the squared speeds at 40 % or 60 % of their range. The yaw torque moves the two rotors that
+    # produce the roll or pitch torque across the middle of this range, where they can produce the largest torque.
     [
         Wrench(0.6 * MIN_THRUST + 0.4 * MAX_THRUST, 0.0, 2.0, 0.5),
         Wrench(0.4 * MIN_THRUST + 0.6 * MAX_THRUST, 0.0, -2.0, -0.5),
@@ -166,7 +167,7 @@ def test_the_priority_does_not_change_a_wrench_within_the_limits(allocate, rotor
 @with_both_allocations
 @pytest.mark.parametrize("thrust", [0.0, MIN_THRUST, MAX_THRUST, 2.0 * MAX_THRUST])
 def test_a_large_roll_torque_requires_the_mean_of_smallest_and_largest_thrust(allocate, thrust):
-    """The thrust increases if the rotors idle and decreases from full thrust."""
+    """A small commanded thrust is increased to this mean, and a large one is decreased to it."""
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, 0.0), ROTORS)
     middle = 0.5 * (60.0**2 + 300.0**2)
     np.testing.assert_allclose(np.square(speeds), [middle, 60.0**2, middle, 300.0**2], rtol=1e-12)
@@ -178,7 +179,7 @@ def test_a_large_roll_torque_requires_the_mean_of_smallest_and_largest_thrust(al
 @pytest.mark.parametrize(("thrust", "fraction"), [(0.0, 0.0), (2.0 * MAX_THRUST, 1.0)])
 def test_two_rotors_produce_thrust_if_roll_torque_saturates_the_others(allocate, thrust, fraction):
     """The two rotors can also produce yaw torque in the commanded direction."""
-    # This torque requires 1000 rad²/s² of each rotor.
+    # This torque changes the squared speed of each rotor by 1000 rad²/s².
     yaw_torque = 4.0 * 8.5e-7 * 1000.0
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, yaw_torque), ROTORS)
     level = 0.5 * (60.0**2 + 300.0**2) + fraction * 2000.0
@@ -258,8 +259,8 @@ def test_the_output_is_split_into_rotor_speed_commands_and_shortfall():
     np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)
 
 
-def test_a_demand_that_fits_just_below_a_limit_is_met():
-    """A demand of 0.1 rad²/s² fits if the squared speed is 0.5 rad²/s² below its maximum."""
+def test_a_roll_torque_that_is_just_within_the_limits_is_produced():
+    """The roll torque needs a change of 0.1 rad²/s², and the squared speeds are 0.5 rad²/s² below their maximum."""
     level, roll = 300.0**2 - 0.5, 0.1
     wrench = Wrench(4.0 * 4.13e-5 * level, 2.0 * 4.13e-5 * 0.17 * roll, 0.0, 0.0)
     speeds, shortfall = allocate(wrench, ROTORS)
@@ -269,8 +270,8 @@ def test_a_demand_that_fits_just_below_a_limit_is_met():
 
 @with_both_allocations
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_demand_slightly_beyond_a_limit_is_reduced_to_the_limit(allocate, sign):
-    """A fifth of a demand of 0.5 rad²/s² fits if the squared speed is 0.1 rad²/s² below its maximum."""
+def test_a_roll_torque_that_exceeds_a_limit_is_reduced_to_the_limit(allocate, sign):
+    """The torque needs a change of 0.5 rad²/s², but the squared speeds are only 0.1 rad²/s² below their maximum."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll
     speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS, "thrust")

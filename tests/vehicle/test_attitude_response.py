@@ -93,7 +93,7 @@ def test_body_rates_equal_the_angle_rates_under_small_angle_kinematics():
     np.testing.assert_allclose(state[9:12], [lag_response(*each, 0.2)[1] for each in config], atol=2e-5)
 
 
-def test_the_translation_of_a_responding_vehicle_agrees_with_a_quadrotor(asymmetric_vehicle):
+def test_the_translation_of_a_vehicle_with_an_attitude_response_agrees_with_a_quadrotor(asymmetric_vehicle):
     """Both vehicles are level, with equal thrusts of all rotors and in wind, so no torque acts on them."""
     equal_rotors = asymmetric_vehicle._replace(
         rotors=Rotors.plus(), centre_of_mass=QuadrotorParameters().centre_of_mass
@@ -109,7 +109,7 @@ def test_the_translation_of_a_responding_vehicle_agrees_with_a_quadrotor(asymmet
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_effects_on_the_translation_of_a_responding_vehicle_agree_with_a_quadrotor(time_step):
+def test_effects_on_the_translation_of_a_vehicle_with_an_attitude_response_agree_with_a_quadrotor(time_step):
     """Both vehicles are level near the ground. Drag acts at the centre of mass, so no torque acts on them."""
     effects = Effects(
         body_drag=BodyDrag(LinearDrag(0.2, 0.1, 0.3), QuadraticDrag(0.02, 0.03, 0.01), CentreOfPressure(0.0, 0.0, 0.0)),

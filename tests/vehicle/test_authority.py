@@ -47,7 +47,7 @@ def test_the_message_names_the_part_of_a_wrench_that_rotors_cannot_produce(rotor
     assert np.linalg.matrix_rank([b, y * b, -x * b, -turns * d * 10.0]) < 4
 
 
-def test_one_deficient_vehicle_of_several_is_reported():
+def test_a_vehicle_of_a_fleet_that_cannot_produce_every_wrench_is_reported():
     arm = np.array([0.2, 0.2])
     positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
     assert missing_direction(layout_of(positions)) is None
@@ -62,7 +62,7 @@ def test_one_vehicle_of_several_with_all_rotors_at_the_centre_is_reported():
 
 
 def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
-    """If d / b is 1, 2, 1, 2 and neighbours turn in the same direction, yaw torque requires other torques."""
+    """Rotors 2 and 4 have twice the d / b of rotors 1 and 3; 1 and 2 turn one way, 3 and 4 the other."""
     turns, thrust_factors, ratios = (1.0, 1.0, -1.0, -1.0), (4e-5, 4e-5, 8e-5, 4e-5), (0.02, 0.04, 0.02, 0.04)
     rotors = Rotors(
         *(
@@ -75,7 +75,7 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
 
 @pytest.mark.parametrize(("fraction", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
 def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stops):
-    """Rotor 1 of a plus with arms of 0.2 m has (0.2 - e) / 0.8 of the thrust if rotors 2 and 4 are e forward."""
+    """In a plus with arms of 0.2 m, rotor 1 has (0.2 - e) / 0.8 of the thrust if rotors 2 and 4 are e in front."""
     e = 0.2 - 0.8 * (0.5 * fraction)
     flaw = explain_infeasible_hover(
         layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0

@@ -43,7 +43,7 @@ NO_CAMERA_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise:
 
 
 def wrench_of(noise, parameters):
-    """Return the wrench of an autopilot without memory."""
+    """Return the wrench of an autopilot without an internal state."""
     wrench, memory = autopilot_step(TARGET, STATE, noise, parameters, None, 0.0025)
     assert memory is None
     return wrench
@@ -144,7 +144,7 @@ def test_an_attitude_estimator_that_neglects_drag_mistakes_drag_for_tilt():
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, 2.3])
 def test_the_estimated_thrust_direction_has_the_error_of_the_estimator_along_x_and_y(yaw):
-    """The thrust direction has the error of the estimator along X and Y for small angles and any yaw."""
+    """The angles are small, and the yaw is arbitrary."""
 
     def direction(attitude):
         return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])

@@ -20,7 +20,8 @@ from drake_quad.vehicle.rotors import Rotor, Rotors
 
 RECORDED_MODELS = json.loads(Path(__file__).with_name("drone_models.json").read_text(encoding="utf-8"))
 RAD_S_PER_RPM = 2.0 * np.pi / 60.0  # one revolution per minute in rad/s
-DERIVATIVE_ROWS = {"acceleration": slice(6, 9), "turning": slice(9, 12), "spinning": slice(12, 16)}
+# Indices of the derivatives of velocity, body rates and rotor speeds in the derivative of the state.
+DERIVATIVE_INDICES = {"acceleration": slice(6, 9), "turning": slice(9, 12), "spinning": slice(12, 16)}
 
 
 def time_constant(coefficient):
@@ -71,7 +72,7 @@ class Drone:
         return Quadrotor(time_step=0.0, effects=effects.names, parameters=QuadrotorConfig(parameters, effects=effects))
 
     def rates(self, sample):
-        """Return the (16,) derivatives of our state."""
+        """Return the (16,) derivatives of the state of our vehicle model."""
         zero = [0.0, 0.0, 0.0]
         names = "attitude", "velocity", "rates", "speeds"
         self.context.SetContinuousState(np.concatenate([zero, *(sample[name] for name in names)]))
@@ -125,7 +126,7 @@ def test_derivatives_of_drone_models_equal_ours_plus_three_additional_terms(dron
     max_fractions = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:
         ours, terms = drone.rates(sample), drone.additional_terms(sample)
-        for index, (name, rows) in enumerate(DERIVATIVE_ROWS.items()):
+        for index, (name, rows) in enumerate(DERIVATIVE_INDICES.items()):
             expected = np.array(sample[name])
             parts = {reason: term[index] for reason, term in terms.items()}
             scale = np.abs(expected).max()

@@ -220,7 +220,7 @@ def test_a_vehicle_at_hover_speeds_has_no_acceleration():
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 
-def test_the_power_of_rotors_and_air_is_the_rate_of_the_energy(asymmetric_vehicle):
+def test_the_energy_changes_by_the_power_of_thrust_torques_and_drag(asymmetric_vehicle):
     parameters = asymmetric_vehicle._replace(linear_drag=0.2, quadratic_drag=0.05)
     wind = Wind(1.0, -2.0, 0.5)
     for state in random_states(100, seed=4):

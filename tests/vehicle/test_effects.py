@@ -137,7 +137,7 @@ def test_effects_with_default_parameters_change_nothing(asymmetric_vehicle):
 
 
 def test_an_effect_without_parameters_is_rejected():
-    with pytest.raises(ValueError, match="the effect body_drag has no parameters"):
+    with pytest.raises(ValueError, match="no parameters are given for the effect body_drag"):
         Quadrotor(
             effects=("ground_effect", "body_drag"),
             parameters=QuadrotorConfig(effects=Effects(ground_effect=GROUND_EFFECT)),

@@ -68,7 +68,7 @@ def test_each_rotor_has_its_own_thrust_factor():
 
 
 def test_speed_factors_combine_battery_and_failure():
-    """A failure acts from its time on. An empty battery stops all rotors, and no rotor turns backwards."""
+    """A failure acts from the given time on. An empty battery stops all rotors, and no rotor turns backwards."""
     faults = RotorFaults(battery_sag=0.1, failure_time=4.0, failure_factor=SpeedFactors(0.9, 0.8, 0.7, 0.6))
     for time, factors in (
         (0.0, (1.0,) * 4),
@@ -84,12 +84,12 @@ def test_speed_factors_combine_battery_and_failure():
 def test_battery_sag_reduces_all_rotor_speeds_linearly_in_time(time_step):
     vehicle = vehicle_with_faults(RotorFaults(battery_sag=0.02), time_step=time_step)
     _, speeds = state_and_speeds_after(vehicle, [200.0] * 4, 5.0)
-    # The rotors lag a command that decreases by 4 rad/s².
+    # The rotors lag behind a command that decreases by 4 rad/s².
     np.testing.assert_allclose(speeds, 200.0 * (1.0 - 0.02 * 5.0) + 4.0 * 0.05, atol=0.03)
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_a_rotor_fails_at_its_time(time_step):
+def test_a_rotor_fails_at_the_given_time(time_step):
     faults = RotorFaults(failure_time=0.5, failure_factor=SpeedFactors(rotor_3=0.25))
     vehicle = vehicle_with_faults(faults, time_step=time_step)
     _, speeds_before = state_and_speeds_after(vehicle, [200.0] * 4, 0.5)

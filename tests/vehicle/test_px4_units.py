@@ -11,7 +11,7 @@ from drake_quad.vehicle.px4_units import torque_units
 
 
 def test_torque_units_match_the_mixer_of_px4_for_an_x_layout():
-    """A unit of roll or pitch changes each rotor by 1/√2, and a unit of yaw by 1. Hover is at a thrust of 0.4."""
+    """A unit of roll or pitch changes each rotor command by 1/√2, a unit of yaw by 1. Hover needs a thrust of 0.4."""
     nominal = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
     lever, ratio = abs(nominal.rotors[0].y), nominal.rotors[0].drag_factor / nominal.rotors[0].thrust_factor
     unit = nominal.mass * nominal.gravity / (4.0 * 0.4)

@@ -223,8 +223,8 @@ def test_derivatives_are_finite_at_a_pitch_of_90_degrees():
 
 @pytest.mark.parametrize("integrator", ["default", "of a flight"])
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
-def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
-    """An integrator with error control either resolves the half-turns of roll and yaw in its steps, or refuses."""
+def test_a_continuous_state_turns_over_correctly_or_its_integrator_raises_an_error(integrator, yaw_rate):
+    """An integrator with error control either resolves the half-turns of roll and yaw, or raises an error."""
     flip = flip_at(yaw_rate)
     vehicle = Quadrotor(time_step=0.0, parameters=QuadrotorConfig(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)
@@ -277,7 +277,7 @@ def test_compiled_and_interpreted_vehicles_tumble_equally(asymmetric_vehicle):
         np.testing.assert_array_equal(state_alone[0], wired_states[i])
 
 
-def test_the_attitude_of_a_responding_vehicle_is_the_integral_of_its_body_rates():
+def test_the_attitude_of_a_vehicle_with_an_attitude_response_is_the_integral_of_its_body_rates():
     """The pitch passes 90°. Body rates by eq (2), integrated as a rotation, give the same attitude."""
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.1, 3.0), DampingRatios(0.45, 1.0, 1.4))
     vehicle = AttitudeResponseQuadrotor(

@@ -1,5 +1,6 @@
 """Plots of designs, stability maps, plans and sensitivities show the right values."""
 
+import dataclasses
 import math
 import re
 
@@ -283,6 +284,8 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     assert colors == [bar.get_facecolor() for bar in reference]
     assert axes.get_title() == "Sensitivities of RMSE"
     (nothing,) = plot_sensitivities(found, "effort_x").axes
+    mine = dataclasses.replace(found, metrics={"my_metric": 0.4}, gradients={"my_metric": gradients["rmse"]})
+    assert plot_sensitivities(mine, "my_metric").axes[0].get_title() == "Sensitivities of my metric"
     assert not nothing.patches
     assert nothing.texts[0].get_text() == "no field changes the metric to first order"
 

@@ -34,7 +34,7 @@ def design():
 
 
 @pytest.mark.slow
-def test_bode_plots_show_the_margins_on_even_axes(design):
+def test_bode_plots_have_symmetric_gain_axes_and_phase_ticks_at_45_degrees(design):
     upper, lower = np.array(design_plots.plot_bode(design).axes).reshape(2, 2)
     for name, gain, phase in zip(("pitch", "x"), upper, lower, strict=True):
         margins = design.all_loops[name].margins
@@ -133,11 +133,12 @@ def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
     dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
-    # Curves 1 and 2 of the lower three are dashed, and curve 1 of the upper two.
+    # Of the three curves at height 0, the second and third are dashed. Of the two curves at height 1, the second is
+    # dashed.
     assert calls == [(1, 3), (2, 3), (1, 2)]
 
 
-def test_enlarged_rotor_speeds_leave_out_the_limits():
+def test_panels_of_single_rotors_do_not_include_the_speed_limits():
     flight = simulate(load_scenario("figure_eight", ["duration=0.4"]))
     close, *_, whole = plots.plot_rotors(flight).axes
     (bottom, top), (lowest, highest) = close.get_ylim(), whole.get_ylim()
@@ -165,7 +166,7 @@ def test_equal_rotor_speeds_of_a_plan_are_dashed():
     assert np.mean(yaw) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
+def test_a_diverged_flight_is_drawn_until_its_state_is_not_finite():
     wind = "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 1.0, diameter: 0.6}]"
     flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
     state = flight["state"].copy()
@@ -178,8 +179,8 @@ def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
 
 
 @pytest.mark.slow
-def test_wind_that_is_not_in_the_scenario_is_plotted(monkeypatch):
-    """A short wind along one axis does not come from the scenario."""
+def test_wind_in_the_signals_is_plotted_even_if_the_scenario_has_none(monkeypatch):
+    """The flight's signal `wind` is changed to a short wind along one axis."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     flight = simulate(load_scenario("hover", ["duration=0.1"]))
     wind = np.zeros_like(flight["wind"])

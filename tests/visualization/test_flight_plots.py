@@ -105,7 +105,7 @@ def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(
         (f"min {limits[0]:g}", limits[0]),
         (f"max {limits[1]:g}", limits[1]),
     ]
-    # In the panels of the rotors the speeds fill the axes, which are equal, independently of the limits.
+    # The panels of the rotors have equal axes, which the speeds fill. The limits do not enlarge these axes.
     (low, high), *others = [axes.get_ylim() for axes in panels]
     assert np.ptp(speeds) > 0.8 * (high - low)
     assert others == [(low, high)] * 3

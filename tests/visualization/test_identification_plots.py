@@ -149,7 +149,7 @@ def test_the_explained_variance_is_in_the_title(identification, fraction, words)
     assert right.get_title(loc="right") == words
 
 
-def test_residuals_have_the_autocorrelation_and_the_spectrum_of_numpy_and_scipy(identification):
+def test_autocorrelation_and_spectrum_of_residuals_agree_with_numpy_and_scipy(identification):
     output = identification.outputs[0]
     coloured = np.cumsum(output.residual, axis=1)
     figure = plots.plot_residuals(

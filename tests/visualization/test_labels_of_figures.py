@@ -99,6 +99,7 @@ FLIGHT_FIGURES = {
         ROTOR_LABELS,
     ),
 }
+# Titles of the panels of each figure.
 TITLES = {
     "path": ["Path", "From above"],
     "errors": ["Position error, reference minus flown"],
@@ -126,6 +127,7 @@ TITLES = {
 }
 FRACTION_LABEL = "cumulative share of samples"
 SAMPLES_LABEL = "number of samples; bands: 95 % confidence"
+# For each figure of studies: the function that draws it, and the labels (x, y) of its axes.
 STUDY_FIGURES = {
     "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (cm)", FRACTION_LABEL)]),
     "convergence": (

@@ -10,6 +10,7 @@ from drake_quad.command_line import live
 from drake_quad.visualization.live import LiveFlight
 from drake_quad.visualization.replay.scene import local_meshcat
 
+# Scenario, and files that are applied to it.
 LIVE_SCENARIOS = [
     ("robustness", []),
     ("neural_fly:still", []),

@@ -36,7 +36,7 @@ def learned():
 
 
 def shared(figure, rows, columns, *, x, y):
-    """Check whether panels of a grid share x in columns ("col"), in all panels ("all") or not (""), and y in rows."""
+    """Check which panels of a grid share the axes x and y: all ("all"), those of a row or column, or none ("")."""
     grid = np.array(figure.axes[: rows * columns]).reshape(rows, columns)
     for i, j in np.ndindex(rows, columns):
         for k, m in np.ndindex(rows, columns):
@@ -123,7 +123,7 @@ def test_the_view_of_a_hover_spans_half_a_metre(hover):
 
 
 @pytest.mark.slow
-def test_a_plan_fills_its_page_and_has_the_clearance_of_its_obstacles():
+def test_the_plot_of_a_plan_fills_its_figure_and_shows_the_clearance_of_obstacles():
     scenario = load_scenario("figure_eight")
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)),), 0.1)
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario), space=space)

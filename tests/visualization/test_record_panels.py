@@ -32,7 +32,7 @@ PANELS = (
 
 
 def record(time, *names):
-    """Return a record of random signals."""
+    """Return a flight log with random signals."""
     rng = np.random.default_rng(3)
     return FlightRecord(
         "a log", time, **{name: rng.uniform(size=(len(time), COLUMNS[name])).squeeze() for name in names}

@@ -234,7 +234,7 @@ def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
 
 
 @pytest.mark.long
-def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
+def test_a_flight_is_shown_until_its_state_is_not_finite(tmp_path):
     flight = simulate(load_scenario("diagrams/outdoor.yaml", ["duration=1"]))
     flight["state"][-10:] = np.nan
     whole = save_replay({"diverged": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")

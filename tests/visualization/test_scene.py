@@ -113,7 +113,7 @@ class Scene:
 
 
 X_LAYOUT = Rotors.x(length=0.2, width=0.3)
-FRAME = Frame(X_LAYOUT, (np.zeros(3),) * 4)
+FRAME = Frame(rotors=X_LAYOUT, roots=(np.zeros(3),) * 4)
 
 
 def ends(box, pose):
@@ -190,7 +190,7 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     assert abs(enclosed) == pytest.approx(4.0 * 4.0 * half**2 * np.hypot(0.1, 0.15), rel=0.35)
 
 
-JET = Jet(Outlet(1.0, 2.0, 0.5), Direction(0.6, 0.0, 0.8), 4.0, 0.8)
+JET = Jet(outlet=Outlet(1.0, 2.0, 0.5), direction=Direction(0.6, 0.0, 0.8), exit_speed=4.0, diameter=0.8)
 
 
 def test_a_fan_blows_from_its_outlet_along_its_direction():

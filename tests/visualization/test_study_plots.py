@@ -124,7 +124,7 @@ def requirement_study(robustness, crash_time):
     return Study(scenario, 10.0, np.arange(len(robustness)), {}, metrics(**numbers))
 
 
-def test_crashes_have_the_smallest_values_of_a_metric_that_is_better_if_larger():
+def test_crashes_count_as_the_smallest_values_if_larger_values_of_a_metric_are_better():
     robustness = np.array([4.0, 2.0, 3.0, 1.0])
     (axes,) = plots.plot_distribution(
         {"one": requirement_study(robustness, np.array([math.inf, math.inf, math.inf, 3.0]))}, "near"

@@ -15,8 +15,7 @@ class EstimatorParameters(NamedTuple):
 
     Attributes:
         laws: estimation laws for X, Y and Z, all of the same type, from `drake_quad.control.disturbance.laws`.
-        lags: modelled time constants for X, Y and Z, s: of the response to feedback, and of the response to
-            feed-forward.
+        lags: modelled time constants of the responses to feedback and to feed-forward, for X, Y and Z, s.
         limit: largest absolute value of the output on each axis, m/s².
         start: initial position of the vehicle, m.
     """
@@ -32,7 +31,7 @@ ZERO_COMMANDS = (AxisCommand(0.0, 0.0),) * 3
 
 
 def initial_memories(parameters: Any) -> tuple[Any, ...]:
-    """Return the memory of the law on each axis, for a vehicle at rest at its initial position."""
+    """Return the initial memory of each axis's estimation law, for a vehicle at rest at its initial position."""
     return tuple([law.initial_memory(start) for law, start in zip(parameters.laws, parameters.start, strict=True)])
 
 
@@ -44,7 +43,7 @@ def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
 def estimate(
     memory: tuple[Any, ...], measured: tuple[AxisMeasurement, ...], laws: tuple[Any, ...], limit: Row, period: float
 ) -> tuple[tuple[Any, ...], tuple[Row, ...]]:
-    """Return the memory of each axis after the measurement of a tick, and the saturated disturbances, m/s²."""
+    """Return the memory of each axis's law after the measurement of a tick, and the saturated disturbances, m/s²."""
     corrected = tuple(
         [
             law.correct(before, measurement, period)
@@ -62,7 +61,7 @@ def predict(
     lags: tuple[AxisCommand, ...],
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[AxisCommand, ...]]:
-    """Return the memory of each axis and the modelled response at the next tick, before the measurement of this tick.
+    """Predict the memory of each axis's law and the modelled response at the next tick, before that tick's measurement.
 
     Args:
         corrected: memory of each axis after the measurement.
@@ -140,8 +139,8 @@ class DisturbanceEstimator(FleetSystem):
     include it. `correction` and `feed_forward` are zero if not connected. The command is only sampled at the ticks, so
     that it may depend on the disturbance.
 
-    The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
-    `commands_in_transit`, the commands in the delay line. The only parameter of the context is `parameters`.
+    The states are `memory` (memory of the law), `following` (modelled response) and, if there is a delay,
+    `commands_in_transit` (commands in the delay line). The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -1,6 +1,6 @@
 """Laws that estimate the acceleration d that is not commanded, on each axis independently: v' = a + d.
 
-a is the modelled response to the commands (`drake_quad.control.disturbance.response`). A law is a record of its
+a is the modelled response to the commands (`drake_quad.control.disturbance.response`). A law is a named tuple of its
 parameters on one axis. At every tick, the law corrects its memory with the measurement. It then predicts the memory at
 the next tick from the changes of velocity and position that a causes until then. The field `disturbance` of the memory
 is d.
@@ -183,7 +183,7 @@ class AdaptiveLaw(NamedTuple):
         return _differenced_memory_at_rest(position)
 
     def correct(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
-        """Return the memory after adaptation. The filter holds σ̂ constant over the tick; see `DisturbanceLaw`."""
+        """Return the memory after adaptation; σ̂ is held constant over the tick. See `DisturbanceLaw`."""
         decay = exp(-self.adaptation * period)
         phi = (1.0 - decay) / self.adaptation
         prediction_error = -phi * _residual(memory, measured.velocity, period)

@@ -142,9 +142,9 @@ class TiltDisturbanceEstimator(FleetSystem):
     part of the disturbance that a network already compensates, so that the estimate does not include it; it is zero if
     not connected. These two inputs are only sampled at the ticks, so that the command may depend on the disturbance.
 
-    The states are `memory`, the memory of the law after the previous tick, `before`, the known accelerations at the
-    previous tick, `thrust`, and, if there is a delay, `thrust_in_transit`, the commands in the delay line. The only
-    parameter of the context is `parameters`.
+    The states are `memory` (memory of the law after the previous tick), `before` (known accelerations at the previous
+    tick), `thrust` and, if there is a delay, `thrust_in_transit` (commands in the delay line). The only parameter of
+    the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -1,4 +1,4 @@
-"""Adaptation of the membership functions, which the paper names as future work.
+"""Adaptation of the membership functions, which Kayacan and Maslim (2016) name as future work.
 
 The weights F descend the gradient of the cost s² / 2, where s is the learning signal and ∂τ_f/∂F = W. A larger
 correction τ_f increases s; the positive gain from τ_f to s is part of the learning rate. Any other parameter θ of the
@@ -48,7 +48,7 @@ _MIN_DISTANCE = 1e-9
 _MAX_DISPLACEMENT = 0.25
 # Smallest sum of the widths of two neighbouring sets, relative to the gap between their centres.
 _MIN_OVERLAP = 1.02
-# Smallest and largest exponent of the upper sets, and of the lower sets.
+# Smallest and largest exponents of the upper sets and of the lower sets.
 _UPPER_EXPONENTS = (1.001, 10.0)
 _LOWER_EXPONENTS = (0.1, 0.999)
 
@@ -136,7 +136,7 @@ def _outputs_of_single_sets(weights: Sequence[Row], fractions: Sequence[Sequence
 
 
 def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Sequence[Row]) -> Antecedents:
-    """Return the gradient ∂τ_f/∂θ as a record of the antecedents; zero for the scales, which do not learn.
+    """Return the gradient ∂τ_f/∂θ as an `Antecedents`; zero for the scales, which do not learn.
 
     Args:
         values: values of the inputs, each in its unit.
@@ -216,7 +216,7 @@ def _clipped(value: Row, lower: Row, upper: Row) -> Row:
 
 
 def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
-    """Return the sets after a gradient step of the inner centres, each within its largest displacement."""
+    """Return the sets after a gradient step of the inner centres, whose displacements are limited."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
     moved_centres = [

@@ -1,4 +1,6 @@
-"""Interval type-2 fuzzy inference with elliptic membership functions. Equation numbers refer to the paper.
+"""Interval type-2 fuzzy inference with elliptic membership functions.
+
+Equation numbers refer to Kayacan and Maslim (2016), called "the paper" below:
 
     (11), (12) μ(x) = (1 - |u|^a)^(1/a) with u = (x - c) / d where |u| < 1, else 0: the upper membership for an exponent
                a = a1 > 1, the lower membership for a = a2 < 1
@@ -44,7 +46,7 @@ class FuzzySets(NamedTuple):
     widths: tuple[Number, ...] = (1.0, 1.0, 1.0)
 
     def distances(self, value: Row) -> list[Row]:
-        """Return the distances u of an input from all sets, with x clamped to the universe."""
+        """Return the distances u of an input from all sets, with x clamped to the range between the outer centres."""
         first, *_, last = self.centres
         x = minimum(maximum(self.scale * value, first), last)
         return [(x - c) * (1.0 / d) for c, d in zip(self.centres, self.widths, strict=True)]

@@ -1,4 +1,6 @@
-"""Learning laws for the weights of a network, all with the same interface. Equation numbers refer to the paper.
+"""Learning laws for the weights of a network, all with the same interface.
+
+Equation numbers refer to Kayacan and Maslim (2016), called "the paper" below:
 
     (14) τ = τ_c - τ_f, with the PD command τ_c           (15) s_p = ė + λ e
     (16) Ḟ = -K_D P W s_p                                 (17) Ṗ = -P W Wᵀ P
@@ -26,7 +28,7 @@ Rows = tuple[Row, ...]
 
 
 class LearningLaw(Protocol):
-    """Interface of all learning laws. A law is a record of rows.
+    """Interface of all learning laws. A law is a named tuple of its parameters.
 
     A law learns from one of two signals: s_p of eq (15) in m/s, or the feedback τ_c in m/s². The units of gains are
     documented for s_p; those of `SignLaw` are documented for τ_c.
@@ -34,7 +36,7 @@ class LearningLaw(Protocol):
 
     @property
     def memory_name(self) -> str:
-        """Name of the state group that holds the memory."""
+        """Name of the system's states that hold the memory."""
 
     def memory(self, num_rules: int) -> Rows:
         """Return the initial memory."""
@@ -72,7 +74,7 @@ class CovarianceLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Name of the state group that holds P."""
+        """Name of the system's states that hold P."""
         return "covariance"
 
     def memory(self, num_rules: int) -> Rows:
@@ -123,7 +125,7 @@ class GradientLaw(NamedTuple):
 
 
 class SignLaw(NamedTuple):
-    """Law from other publications of the paper's group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
+    """Law from other papers by the same research group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
 
     The memory is α, m/s³.
 
@@ -137,7 +139,7 @@ class SignLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Name of the state group that holds α."""
+        """Name of the system's state that holds α."""
         return "slope"
 
     def memory(self, num_rules: int) -> Rows:

@@ -16,12 +16,12 @@ from drake_quad.framework.wiring import build, connect_inputs
 from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row, Time
 
-# Rows of a network on each of its axes, such as weights or firing strengths.
+# Values for each rule on each axis of a network, such as weights or firing strengths.
 PerNetworkAxis = tuple[Rows, ...]
 
 
 def layout_on_axes(num_axes: int, num_rows: int) -> Layout:
-    """Return the layout of a signal that has the same number of rows for each axis of a network."""
+    """Return the layout of a signal that has the same number of components for each axis of a network."""
     return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
 
 
@@ -48,12 +48,12 @@ def firing_on_axes(
     """Return the firing strengths on each axis of a network.
 
     Args:
-        antecedents: one record for all axes, or one record for each axis.
+        antecedents: one `Antecedents` for all axes, or one for each axis.
         axes: axes of the network.
         inputs: names of the inputs of the rules.
         time: time, s.
         lap_times: start of each lap of the route and end of the last one, s.
-        lead: lead time of position and phase; None without one.
+        lead: lead time of position and phase; None if the network has no lead time.
         signals: signals that determine the inputs, in the order of `input_signals`.
     """
     signals_by_name = dict(zip(input_signals(inputs), signals, strict=True))
@@ -64,13 +64,13 @@ def firing_on_axes(
     return tuple(
         [
             firing_strengths(input_values(axis, inputs, signals_by_name, time, lap_times), sets)
-            for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
+            for axis, sets in zip(axes, _antecedents_on_axes(axes, antecedents), strict=True)
         ]
     )
 
 
-def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
-    """Return the antecedents on each axis; a single record applies to all axes."""
+def _antecedents_on_axes(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
+    """Return the antecedents on each axis; a single `Antecedents` applies to all axes."""
     return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
 
@@ -78,8 +78,8 @@ class FuzzyRulesParameters(NamedTuple):
     """Parameters of a `FuzzyRules`.
 
     Attributes:
-        antecedents: one record for all axes, or one record for each axis.
-        lead: lead time; not used if the network has none.
+        antecedents: one `Antecedents` for all axes, or one for each axis.
+        lead: lead time; not used if the network has no lead time.
     """
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(),)
@@ -101,9 +101,9 @@ class FuzzyRules(FleetSystem):
         - firing_ahead
 
     The input ports are the signals that determine the inputs of the rules: `error`, `error_rate`, `measurement`,
-    `disturbance`. `firing` contains the normalised firing strengths, R rows for each axis of the network, one axis
-    after another. The output `firing_ahead` exists if the network has a lead time. It contains the firing strengths
-    after the lead time: for the position extrapolated by the measured velocity, and for the later phase.
+    `disturbance`. `firing` contains the normalised firing strengths of the R rules on each axis of the network, one
+    axis after another. The output `firing_ahead` exists if the network has a lead time. It contains the firing
+    strengths after the lead time: for the position extrapolated by the measured velocity, and for the later phase.
 
     The parameters of the context are `antecedents` and, if there is a lead time, `lead`. If the antecedents are
     adaptive, they are an input from a `SetLearning` instead of a parameter.
@@ -134,7 +134,7 @@ class FuzzyRules(FleetSystem):
         antecedents: Any
         if adaptive:
             antecedents = self.input(
-                "antecedents", layout=layout_of_antecedents(_for_each(axes, parameters.antecedents))
+                "antecedents", layout=layout_of_antecedents(_antecedents_on_axes(axes, parameters.antecedents))
             )
         else:
             antecedents = self.parameter("antecedents", lambda parameters: parameters.antecedents)
@@ -152,7 +152,7 @@ class LearningParameters(NamedTuple):
 
     Attributes:
         slope: λ of eq (15), 1/s; not used if the network learns from the feedback.
-        law: record from `drake_quad.control.fuzzy.laws`.
+        law: learning law from `drake_quad.control.fuzzy.laws`.
         limits: limits of learning.
         initial_weight: initial weight F₀ of all rules, m/s².
     """

@@ -2,12 +2,15 @@
 
 Along X and Y the vehicle is accelerated by the horizontal specific thrust s, which depends on the attitude. Without an
 autopilot the command u is a snap, which the torques produce with the lag T of the rotors. With an autopilot the command
-is an acceleration, an angle times g. Either the attitude follows this command with a second-order lag, or its angular
-acceleration follows the command of the on-board loops with the lag of the rotors:
+is an acceleration, an angle times g. In the simpler model with an autopilot, the attitude follows this command with a
+second-order lag. In the other one, the on-board loops command an angular acceleration, which is reached with the lag of
+the rotors:
 
-    p' = v    v' = s + d₁ + d₂    s' = j    without: j' = a + δ,  a' = (u - a) / T
-                                            with:    j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
-                                            or:      j' = a + δ,  a' = (b - a) / T
+    p' = v    v' = s + d₁ + d₂    s' = j
+
+    without an autopilot             j' = a + δ,  a' = (u - a) / T
+    with an autopilot                j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
+    with an autopilot and rotor lag  j' = a + δ,  a' = (b - a) / T
 
 Along Z the thrust acts directly: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T, where s is the acceleration in excess of
 gravity.
@@ -31,11 +34,11 @@ import scipy
 
 from drake_quad.signals import Row
 
-# The fields of a chain are its states, in metres and seconds. The type of the record identifies the model.
+# The fields of a chain are its states, in units of metres and seconds. The class of a chain identifies its model.
 
 
 class TorqueChain(NamedTuple):
-    """States along X or Y if torques are sent over the link."""
+    """States along X or Y if torques are sent over the radio link."""
 
     position: Row
     velocity: Row
@@ -165,7 +168,7 @@ def lateral_model(
 
     Args:
         lag: time constant of the rotors, s; None if the response of the attitude includes this lag.
-        response: response of the attitude with an autopilot; None without an autopilot, which requires a lag.
+        response: response of the attitude with an autopilot; None without an autopilot, so that `lag` is required.
         disturbances: modelled disturbances.
     """
     if response is None:
@@ -209,7 +212,7 @@ def discretise_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
 def _model(
     kind: Any, motion_entries: dict[tuple[str, str], float], input_entries: dict[str, float], disturbances: Disturbances
 ) -> ContinuousModel:
-    """Return a model from the entries of A and B that describe the motion, and from the disturbances."""
+    """Return the model with the given entries of A and B for the motion, and with the given disturbances."""
     first, second, bias, command_noise = disturbances
     entries = {
         **motion_entries,

@@ -10,7 +10,7 @@ from drake_quad.signals import Row
 
 
 class AxisLoop(NamedTuple):
-    """Filter and regulator of one axis. A vector of n states is a record of the chain's type.
+    """Filter and regulator of one axis. Each vector of n states is an instance of the chain's class.
 
     Attributes:
         A: system matrix of x⁺ = A x + B u over a frame, row by row.
@@ -51,9 +51,10 @@ def kalman_gain(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> n
 
 
 def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (m, n) of u = -K x, which minimises the sum of xᵀ Q x + uᵀ R u, and the cost matrix W (m, m).
+    """Return the gain K (m, n) of u = -K x that minimises the sum of xᵀ Q x + uᵀ R u, and the cost matrix W (m, m).
 
-    With u = -K x + c, the sum increases by the sum of cᵀ W c, where W = R + Bᵀ S B and S solves the Riccati equation.
+    W is the cost of perturbations c of the command u = -K x + c: they increase the sum by the sum of cᵀ W c. It is W =
+    R + Bᵀ S B, where S solves the Riccati equation.
     """
     S = scipy.linalg.solve_discrete_are(A, B, Q, R)
     W: np.ndarray = B.T @ S @ B + R

@@ -57,7 +57,7 @@ from drake_quad.signals import (
 
 
 class TorqueParameters(NamedTuple):
-    """Parameters for torques that are sent over the link.
+    """Parameters for torques that are sent over the radio link.
 
     Attributes:
         i_xx: moment of inertia of the nominal vehicle about x_B, kg m².
@@ -151,7 +151,7 @@ class KalmanState(NamedTuple):
 
 
 class ChainCommands(NamedTuple):
-    """Commands of the three chains: m/s⁴ along X and Y with torques over the link, m/s² otherwise."""
+    """Commands of the three chains: m/s⁴ along X and Y if torques are sent, m/s² otherwise."""
 
     x: Row
     y: Row
@@ -241,8 +241,8 @@ def estimator_step(
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
     z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
-    # The chains use f̄ instead of the vertical thrust at the last frame. The difference between the two, tilted like
-    # the thrust, is added separately.
+    # The chains along X and Y are based on f̄ instead of the vertical specific thrust. The horizontal acceleration due
+    # to the difference is added here.
     excess = (parameters.thrust.gravity + last.z.thrust) / sent.upward - 1.0
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z
@@ -479,7 +479,7 @@ def corrected_acceleration(reference: Reference, correction: Acceleration | None
 
 
 def _deviation(chain: Any, *motion: Row) -> Any:
-    """Return a chain minus the reference's position, velocity, acceleration, jerk and snap, if these are states."""
+    """Subtract the reference's position, velocity, acceleration, jerk and snap from the states of a chain."""
     target = dict(zip(("position", "velocity", "thrust", "jerk", "snap"), motion, strict=True))
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 

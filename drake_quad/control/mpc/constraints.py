@@ -3,7 +3,7 @@
 A constraint bounds a weighted sum y of states or commands of one or two axes at each tick. Its bound is the difference
 between a limit and the reference:
 
-    snap        ±(u_ff + y) <= max                     of the commands, with torques over the link
+    snap        ±(u_ff + y) <= max                     of the commands, if torques are sent
     tilt        n·(a_r - τ_f + y) <= g tan θ cos(π/m)  of the specific thrust; of the commands with an autopilot
     thrust      -(u_ff - τ_f + y) <= g - F_min / M,    u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
     corridor    ±(p_r + y) <= ±walls                   or ±y <= half its width
@@ -101,7 +101,7 @@ class Horizon(NamedTuple):
 
     Attributes:
         parameters: parameters of the controller.
-        preview: reference at all ticks; its rows are arrays (ticks of the preview,).
+        preview: reference at all ticks; its values are arrays with one element for each tick.
         corridor: corridor for the vehicle.
         tilt_weight: weight ζ of the tilt slack, which is in units of g.
         num_ticks: length of the horizon in ticks.
@@ -170,7 +170,7 @@ def _wall_constraints(
 
 
 def _feed_forward(horizon: Horizon) -> ChainCommands:
-    """Return the feed-forward commands, arrays (ticks of the preview,)."""
+    """Return the feed-forward commands, as arrays with one element for each tick of the preview."""
     reference, jerk, snap, before = horizon.preview
     acceleration = Acceleration(reference.a_x, reference.a_y, reference.a_z)
     return feed_forward_commands(acceleration, jerk, snap, before, horizon.parameters, horizon.tick)

@@ -122,13 +122,13 @@ def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -
 def _limited_force(
     acceleration: Vector, error: Vector, parameters: CascadeParameters, rules: CascadeRules
 ) -> tuple[Vector, Vector]:
-    """Return the limited thrust vector in W, N, and the velocity error for the integrals, m/s."""
+    """Return the limited thrust vector in W, N, and the velocity error that the integrals integrate, m/s."""
     command: Any = parameters.command
     mass, gravity = parameters.mass, parameters.gravity
     a_x, a_y, a_z = acceleration
     up = gravity if rules.decouples_vertical else maximum(gravity + a_z, TINY)
     level_squared = a_x * a_x + a_y * a_y
-    # `tan_max_tilt` is the ratio of horizontal to vertical thrust, divided by the horizontal acceleration.
+    # The slope is the ratio of horizontal to vertical thrust, divided by the horizontal acceleration.
     slope = minimum(1.0 / up, command.tan_max_tilt / sqrt(level_squared + TINY))
     length = sqrt(1.0 + slope * slope * level_squared)
     f_z = maximum(mass * (gravity + a_z) * length, command.min_thrust) / length

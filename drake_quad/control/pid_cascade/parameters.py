@@ -13,7 +13,7 @@ class PidLoopGains(NamedTuple):
 
     Attributes:
         k_p: proportional gains.
-        terms: other terms on each axis; None for a proportional loop.
+        terms: integral, derivative and feed-forward terms on each axis; None for a proportional loop.
     """
 
     k_p: PerAxis

@@ -57,9 +57,9 @@ class AttitudeScale(NamedTuple):
     """Thrust and attitude for actions of -1 and 1.
 
     Attributes:
-        thrust: range of the thrust, for the first row of an action.
-        tilt: roll and pitch that the value 1 commands in the second and third row of an action.
-        yaw: yaw, relative to the reference yaw, that the value 1 commands in the fourth row.
+        thrust: range of the thrust, for the first component of an action.
+        tilt: roll and pitch that the value 1 commands in the second and third component of an action.
+        yaw: yaw, relative to the reference yaw, that the value 1 commands in the fourth component.
     """
 
     thrust: ThrustRange
@@ -71,8 +71,8 @@ class RatesScale(NamedTuple):
     """Thrust and body rates for actions of -1 and 1, and parameters of the body rate loop on the ground computer.
 
     Attributes:
-        thrust: range of the thrust, for the first row of an action.
-        rates: body rates that the value 1 commands in the other rows.
+        thrust: range of the thrust, for the first component of an action.
+        rates: body rates that the value 1 commands in the other components.
         gains: ratio of angular acceleration to body rate error, 1/s.
         i_xx: moment of inertia of the nominal vehicle about x_B, kg m².
         i_yy: moment of inertia of the nominal vehicle about y_B, kg m².
@@ -103,7 +103,8 @@ class SpeedScale(NamedTuple):
 
 def saturate_action(action: Row) -> Row:
     """Return an action saturated at -1 and 1; NaN if the action is NaN or infinite, so that the flight ends."""
-    # Comparisons with NaN are false, so that saturation would convert NaN to -1 or 1. 0 · NaN and 0 · ∞ are NaN.
+    # Saturation alone would convert NaN to -1 or 1, because comparisons with NaN are false. The added product is NaN if
+    # the action is NaN or infinite.
     return minimum(maximum(action, -1.0), 1.0) + 0.0 * action
 
 
@@ -124,7 +125,7 @@ def commanded_acceleration(
     """Return the acceleration in W that an action commands along the axes of a frame.
 
     Args:
-        action: three rows, one for each axis of the frame.
+        action: three components, one for each axis of the frame.
         measurement: measured state of the vehicle; None with the frame `world`.
         reference: reference that the vehicle follows; None with the frame `world`.
         scale: accelerations that an action of 1 commands.
@@ -183,9 +184,9 @@ def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) 
     """Return the nominal vehicle's wrench at the commanded rotor speeds; allocation converts the wrench back to speeds.
 
     Args:
-        action: four rows.
+        action: four components.
         scale: rotor speeds for actions of -1 and 1.
-        order: index of each rotor's row in the action.
+        order: index of each rotor's speed in the action.
     """
     total: list[Row] = [0.0, 0.0, 0.0, 0.0]
     for row, wrench in zip(order, scale.wrenches, strict=True):

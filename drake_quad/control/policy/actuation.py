@@ -70,8 +70,8 @@ class AttitudeActuation(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    The yaw of the action is relative to the yaw of the `reference`. The output packs the signals of `VectoringOutput`,
-    with zero body rates and angular accelerations.
+    The yaw of the action is relative to the yaw of the `reference`. The output contains all signals of
+    `VectoringOutput`, with zero body rates and angular accelerations.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -150,7 +150,7 @@ class RotorSpeedActuation(FleetSystem):
 
     Args:
         num_vehicles: number of vehicles N.
-        order: index of each rotor's row in the action.
+        order: index of each rotor's speed in the action.
         parameters: rotor speeds for actions of -1 and 1.
     """
 

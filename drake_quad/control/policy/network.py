@@ -108,7 +108,7 @@ class Network(NamedTuple):
 
     Attributes:
         layers: layers, from the input to the output.
-        num_inputs: number of rows of the input.
+        num_inputs: number of inputs.
         offset: (num_inputs,) offsets that are subtracted from the input; None for zeros.
         scale: (num_inputs,) factors by which the difference is multiplied; None for ones.
         limit: largest absolute value of the scaled input; None for no limit.
@@ -127,7 +127,7 @@ class Network(NamedTuple):
 
     @property
     def num_outputs(self) -> int:
-        """Number of rows of the output."""
+        """Number of outputs."""
         *_, last = self.layers
         return len(last.initial) if isinstance(last, Gru) else last.matrix.num_rows
 
@@ -136,7 +136,7 @@ class NetworkStep(NamedTuple):
     """Output and memory of a network after one input.
 
     Attributes:
-        output: rows of the output.
+        output: values of the outputs.
         memory: memory of each recurrent layer.
     """
 
@@ -149,7 +149,7 @@ def evaluate_network(network: Network, inputs: Sequence[Row], memory: Sequence[S
 
     Args:
         network: network to evaluate.
-        inputs: rows of the input.
+        inputs: values of the inputs.
         memory: current memory of each recurrent layer.
     """
     rows = _scaled_input(network, inputs)
@@ -190,5 +190,5 @@ def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[R
 
 
 def _gates(rows: Sequence[Row], units: int) -> list[Sequence[Row]]:
-    """Return the rows of the reset gate, of the update gate and of the proposed memory."""
+    """Split values into those of the reset gate, of the update gate and of the proposed memory."""
     return [rows[first : first + units] for first in range(0, len(rows), units)]

@@ -1,4 +1,4 @@
-"""Observations of a policy: rows of named signals at the current tick and at earlier ticks.
+"""Observations of a policy: values of named signals at the current tick and at earlier ticks.
 
 Vectors are expressed in a frame of `drake_quad.control.policy.frames` or in B (`body`).
 """
@@ -120,8 +120,8 @@ class ObservableSignal(NamedTuple):
     """Signal that an observation can contain.
 
     Attributes:
-        rows: number of rows; None if it depends on the policy.
-        of: function that returns the rows of the signal, given all observable quantities.
+        rows: number of components; None if it depends on the policy.
+        of: function that returns the components of the signal, given all observable quantities.
         description: description with unit.
     """
 
@@ -140,7 +140,7 @@ OBSERVABLE_SIGNALS = {
     "reference_ahead": ObservableSignal(
         None,
         _reference_ahead,
-        "from the vehicle to future positions of the reference, 3 rows for each time of `ahead` (m)",
+        "from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
     ),
     "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw in W, in any frame (rad)"),
     "rotation": ObservableSignal(
@@ -166,7 +166,7 @@ class ObservationSpec(NamedTuple):
     """Specification of an observation.
 
     Attributes:
-        signals: names from `OBSERVABLE_SIGNALS`, in the order of the rows.
+        signals: names from `OBSERVABLE_SIGNALS`, in the order in which the observation contains them.
         frame: frame in which vectors are expressed.
         history: number of ticks in the observation, including the current tick.
         turn: angle about z from x_B to the forward direction of the policy, rad; it also rotates all frames except W.
@@ -179,7 +179,7 @@ class ObservationSpec(NamedTuple):
 
 
 def num_observed(spec: ObservationSpec, *, num_actions: int, num_ahead: int) -> int:
-    """Return the number of rows of an observation at one tick."""
+    """Return the number of values in an observation at one tick."""
     sizes = {name: signal.rows for name, signal in OBSERVABLE_SIGNALS.items()}
     sizes |= {"action": num_actions, "reference_ahead": 3 * num_ahead}
     return sum(sizes[name] or 0 for name in spec.signals)
@@ -208,7 +208,7 @@ def observation_rows(
     clearance: Callable[[Row, Row, Row], Row] | None,
     spec: ObservationSpec,
 ) -> tuple[Row, ...]:
-    """Return the rows of an observation at one tick.
+    """Return the values of an observation at one tick.
 
     Args:
         state: measured or true state of the vehicle.

@@ -1,4 +1,4 @@
-"""Systems of a control by a policy: observation, network, and actuation.
+"""Systems that control a vehicle by a trained policy: observation, network, and actuation.
 
 The observation can contain the last action:
 
@@ -60,8 +60,8 @@ class Observation(FleetSystem):
         output_ports:
         - observation
 
-    The signals are described in `drake_quad.control.policy.observation.OBSERVABLE_SIGNALS`. The rows of the current
-    tick come first, followed by the rows of earlier ticks, the most recent tick first. At the first tick, all earlier
+    The signals are described in `drake_quad.control.policy.observation.OBSERVABLE_SIGNALS`. The values of the current
+    tick come first, followed by those of earlier ticks, the most recent tick first. At the first tick, all earlier
     observations equal the first. `measurement` is the measured or the true state of the vehicle. `action` is the output
     of the policy, which is observed at the next tick. The last three ports exist if the observation contains these
     signals.
@@ -72,8 +72,8 @@ class Observation(FleetSystem):
         num_vehicles: number of vehicles N.
         period: tick period, s.
         spec: specification of the observation.
-        num_actions: number of rows of an action.
-        num_ahead: number of future times at which the reference is observation_rows.
+        num_actions: number of components of an action.
+        num_ahead: number of future times at which the reference is observed.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
             observation does not contain it.
         parameters: parameters of the observation.
@@ -197,7 +197,7 @@ def build_policy_control(
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
     if policy is None:
-        # The diagram also outputs the given actions, as it outputs the actions of a policy.
+        # This pass-through lets the diagram output the actions, as it does with a policy.
         policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
         builder.ExportInput(policy.get_input_port(), "action")
     else:

@@ -1,1 +1,1 @@
-"""Ready projects around exported code: for flight controllers, microcontrollers, and other programs."""
+"""Complete software projects with exported code: for flight controllers, microcontrollers, and other programs."""

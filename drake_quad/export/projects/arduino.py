@@ -7,7 +7,7 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     """Return the values of the template's placeholders.
 
     Raises:
-        InputError: if the code has double precision, or its period is no multiple of a microsecond.
+        InputError: if the code has double precision, or its period is not a multiple of a microsecond.
     """
     check_single_precision("arduino", code.description)
     return {"MICROSECONDS": str(whole_steps("arduino", code.description, 1e-6, "microseconds"))}

@@ -12,7 +12,7 @@ from drake_quad.export.projects.project import (
 
 # Period at which the firmware calls the controller, s.
 _FIRMWARE_PERIOD = 0.001
-# Names of headers of the firmware that are likely names of a controller.
+# Header names in the firmware that a user is likely to choose as the name of a controller.
 _FIRMWARE_HEADERS = ("app", "controller", "estimator", "stabilizer", "state", "task")
 
 
@@ -30,7 +30,7 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     check_command("crazyflie", description, ["wrench"])
     check_inputs("crazyflie", description)
     check_single_precision("crazyflie", description)
-    # The firmware knows no snap, which is zero.
+    # The firmware provides no snap, which is therefore zero.
     jerk = ".reference_jerk = {.x = setpoint->jerk.x, .y = setpoint->jerk.y, .z = setpoint->jerk.z},"
     return {
         "CALLS": str(whole_steps("crazyflie", description, _FIRMWARE_PERIOD, "milliseconds")),

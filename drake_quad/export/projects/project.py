@@ -9,9 +9,9 @@ from drake_quad.exported.description import ExportDescription
 from drake_quad.framework.c_code import PRECISIONS
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Largest difference between the ratio of two periods and a whole number.
+# Tolerance on the ratio of two periods, which must be a whole number.
 _ROUNDING = 1e-9
-# Inputs that describe the reference. A project sets those that its platform knows; the others are zero.
+# Inputs that describe the reference. A project sets those that its platform provides; the others are zero.
 _REFERENCE_INPUTS = frozenset({"reference", "reference_jerk", "reference_snap"})
 _MEASUREMENT_INPUTS = frozenset({"measurement", "state"})
 
@@ -52,7 +52,7 @@ class ExportedCode(NamedTuple):
 
 
 class Project(NamedTuple):
-    """Project around exported code. Its template is the folder with its name in `templates/`.
+    """Software project that contains exported code. Its template is the folder of the same name in `templates/`.
 
     Attributes:
         placeholders: function that returns the values of the template's placeholders. The template contains `@KEY@` in
@@ -89,7 +89,7 @@ def check_inputs(project: str, description: ExportDescription) -> None:
 
 
 def check_single_precision(project: str, description: ExportDescription) -> None:
-    """Check that code has single precision, for which the microcontrollers of a project have a unit.
+    """Check that code has single precision, for which the microcontrollers have a floating-point unit.
 
     Raises:
         InputError: if the code has double precision.
@@ -110,7 +110,7 @@ def whole_steps(project: str, description: ExportDescription, period: float, lab
         label: name of the other period in the plural, such as "milliseconds".
 
     Raises:
-        InputError: if the period is no multiple of the other one.
+        InputError: if the period is not a multiple of the other one.
     """
     ratio = description.period / period
     if ratio < 0.5 or abs(ratio - round(ratio)) > _ROUNDING:

@@ -64,13 +64,13 @@ def project_files(name: str, code: ExportedCode) -> dict[str, str]:
 
 
 def _selected_lines(text: str, values: Mapping[str, str]) -> Iterator[str]:
-    """Yield the lines of a template that apply. The condition `#if @KEY@` or `#if !@KEY@` of a block is a placeholder.
+    """Yield the lines of a template that apply: blocks between `#if @KEY@` or `#if !@KEY@` and `#endif` are optional.
 
     Args:
         text: text of the template.
         values: values of the placeholders, by key. The value of a condition is 0 or 1.
     """
-    blocks: list[bool | None] = []  # for each open block: whether its lines apply, or None for a block of the compiler
+    blocks: list[bool | None] = []  # whether the lines of each open block apply; None for a block of the C preprocessor
     for line in text.splitlines(keepends=True):
         condition = re.fullmatch(r"#if (!?)@(\w+)@\n", line)
         if condition:

@@ -35,22 +35,23 @@ class StableVectorEnv(VecEnv):
         self._actions: np.ndarray | None = None
 
     def reset(self) -> np.ndarray:
-        """Start new episodes of all vehicles, and return the observations (N, rows)."""
+        """Start new episodes of all vehicles, and return the observations (N, components)."""
         seeds = [seed for seed in self._seeds if seed is not None]
         observation, _ = self.envs.reset(seed=seeds[0] if seeds else None)
         self._reset_seeds()
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Set the actions (N, rows) of the next step."""
+        """Set the actions (N, components) of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Simulate the step with the actions of `step_async`.
 
         Returns:
-            Observations (N, rows), rewards (N,), Booleans (N,) that are True if an episode has ended, and a dictionary
-            for each vehicle. It contains the infos that Stable-Baselines3 defines, and `flight` from Gymnasium's infos.
+            Observations (N, components), rewards (N,), Booleans (N,) that are True if an episode has ended, and a
+            dictionary for each vehicle. The dictionary contains the infos that Stable-Baselines3 defines, and `flight`
+            from Gymnasium's infos.
         """
         assert self._actions is not None
         observations, rewards, terminations, truncations, vector_infos = self.envs.step(self._actions)

@@ -23,17 +23,17 @@ from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
-_MAX_GRID_SIZE = 6_000  # grid steps; one minute at the finest step, from the middle of the log
+_MAX_GRID_SIZE = 6_000  # largest number of grid steps, from the middle of the log: a minute at 10 ms
 _MIN_WINDOWS = 50  # smallest number of windows in which two signals are compared
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s, window in which rotations are compared
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
-_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a velocity; it is 0 if the estimator does not run
+_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a usable velocity; an estimator that is off logs zeros
 _MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3  # largest number of faults that are reported
-# A fault is reported if its repair reduces a disagreement by more than this value plus the remaining disagreement.
+# A fault is reported if its repair reduces a disagreement from d to less than (d - `_MIN_IMPROVEMENT`) / 2.
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
@@ -167,7 +167,7 @@ class _Grid:
         return max(1, round(duration / self.step))
 
     def starts(self, width: int) -> np.ndarray:
-        """Return the first steps (w,) of the windows of `width` steps without a gap."""
+        """Return the first step (w,) of each window that has `width` steps and no gap."""
         if width not in self._starts:
             damaged = np.concatenate([[0], np.cumsum(~self.usable)])
             is_complete = damaged[width + 1 :] == damaged[: len(damaged) - width - 1]
@@ -250,7 +250,7 @@ def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iter
     """Yield a remark on each disagreement between signals.
 
     Args:
-        signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of a record.
+        signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of this library.
         time: (n,) rising times, s.
     """
     grid = _on_grid(signals, time)
@@ -307,7 +307,7 @@ def _cumulative_integral(values: np.ndarray, steps: np.ndarray | float) -> np.nd
 
 
 def _pairs(grid: _Grid, changed: Iterable[str] | None = None) -> dict["_Comparison", _Pair]:
-    """Return the pairs of signals that can be compared, by comparison.
+    """Return the pairs of signals that can be compared, by the function that returns the pair.
 
     Pairs with too few windows, and pairs that need motion in a log without motion, are left out.
 
@@ -375,7 +375,8 @@ def _tilt(grid: _Grid) -> _Pair:
 def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> _Pair:
     """Return the pair of a command and the signal that follows it, shifted by the delay with the best correlation."""
     width = grid.samples(_ROTATION_WINDOW)
-    # The delay is estimated from all windows, including those with a gap. NumPy sums rows faster than columns.
+    # The delay is estimated from all windows, including those with a gap. The values are transposed, since NumPy sums
+    # rows faster than columns.
     commanded, followed = (
         np.ascontiguousarray(_all_means(grid.signals[each][:, :columns], width).T) for each in (command, signal)
     )
@@ -394,7 +395,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Each comparison with the groups of signals that it needs: at least one signal of each group.
+# Comparisons, each with the groups of signals that it needs: it is possible if one signal of each group is logged.
 _Comparison = Callable[[_Grid], _Pair]
 _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
@@ -463,7 +464,8 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
     of the two sensors are not synchronised, for example because one sensor is received over a radio link.
 
     Args:
-        signals: (n, columns) values of signals, including attitude and body_rates, in SI units and frames of a record.
+        signals: (n, columns) values of signals, including attitude and body_rates, in SI units and the frames of this
+            library.
         time: (n,) rising times, s.
     """
     grid = _on_grid(signals, time)
@@ -481,7 +483,7 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
 
 
 def _shift_errors(values: np.ndarray, others: np.ndarray, first: int, end: int, max_shift: int) -> np.ndarray:
-    """Return the squared errors (2 max_shift + 1,) between rows of values and the same rows of others, shifted.
+    """Return the squared errors (2 max_shift + 1,) between two signals, for each shift of the second one.
 
     Args:
         values: (w, axes) values.

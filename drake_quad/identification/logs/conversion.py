@@ -239,7 +239,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
-    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN for unknown values."""
+    """Return the values (n, columns) of a signal in SI units and the frames of this library; NaN for unknown values."""
     length = len(table.time)
     if source.column is not None:
         values = table.columns[source.column].reshape(length, -1).astype(float)
@@ -265,7 +265,7 @@ def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
 
 
 def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
-    """Return roll, pitch and yaw (n, 3) in the frames of a record from quaternions (n, 4); NaN for invalid ones."""
+    """Return roll, pitch and yaw (n, 3) in the frames of this library from quaternions (n, 4); NaN for invalid ones."""
     quaternion = values if source.quaternion == "wxyz" else np.roll(values, 1, axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     valid = (length > _MIN_QUATERNION_NORM) & (length < _MAX_QUATERNION_NORM)

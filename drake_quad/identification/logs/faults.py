@@ -74,6 +74,7 @@ _WRONG_UNITS = {
     "specific_force": _FORCE_UNITS,
 }
 _HALF_TURN = (1.0, -1.0, -1.0)
+# Signs by which x, y and z may be multiplied in a log by mistake.
 _WRONG_SIGNS = [
     (-1.0, 1.0, 1.0),
     (1.0, -1.0, 1.0),

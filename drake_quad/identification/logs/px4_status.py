@@ -75,7 +75,7 @@ _RESETS = (
     _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _QUATERNION_VECTOR_PART, 2.0, "rad"),
 )
 _MIN_RESET = 0.01  # m, m/s or rad, smallest reported reset; estimators make smaller resets when they start
-# Fields whose validity each flag of `vehicle_local_position` states.
+# Validity flags of `vehicle_local_position`, each with the fields to which it applies.
 _VALIDITY_FLAGS = {
     "xy_valid": ("x", "y"),
     "z_valid": ("z",),

@@ -31,11 +31,11 @@ FORMS: tuple[Form, ...] = get_args(Form)
 # A command is at a limit if many of its samples are near an extreme. The number of samples of a smooth signal within a
 # margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a limit.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_COUNT_RATIO = 5.0  # smallest ratio of the number of samples within δ to the number between δ and 2 δ, at a limit
+_MIN_COUNT_RATIO = 5.0  # smallest ratio, at a limit, of the number of samples within δ to that between δ and 2 δ
 _MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
 # A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
 _MAX_LIMITED_FRACTION = 0.5
-_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, for an angle of 78°
+_MIN_ALIGNMENT = 0.2  # smallest denominator: the cosine of an angle of 78° between two directions of the thrust
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:

@@ -13,7 +13,7 @@ from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
 _FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward ratio that differs from 0 or 1 by at most this is set to 0 or 1
-_NEGLIGIBLE_GAIN_RATIO = 0.005  # gains below this fraction of the position gain are negligible; all gains in SI units
+_NEGLIGIBLE_GAIN_RATIO = 0.005  # gains, in SI units, below this fraction of the position gain are negligible
 _UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
 _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
@@ -48,7 +48,7 @@ def _is_near(value: float, half_width: float, target: float) -> bool:
 
 
 def _velocity_feed_forward(law: AxisLaw) -> float:
-    """Return the fraction of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
+    """Return the fraction of the reference velocity that is fed forward; exactly 0 or 1 if it is close to it."""
     velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
     value, half_width = reference.value / velocity, reference.half_width / abs(velocity)
     return next((exact for exact in (0.0, 1.0) if _is_near(value, half_width, exact)), value)

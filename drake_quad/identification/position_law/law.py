@@ -183,7 +183,7 @@ def _log_unexplained(pieces: Sequence[Piece]) -> float:
 
 
 def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
-    """Return whether X and Y may have the same law, since the interval of each gain difference contains zero."""
+    """Return whether X and Y may have the same law: the interval of each gain difference contains zero."""
     x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
         difference = abs(x[name].value - y[name].value)
@@ -216,7 +216,8 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
     if dropped:
         remaining = tuple(name for name in fit.terms if name not in dropped)
         refit = search_fit(pieces, axes, remaining, [fit.shape], fit.free)
-        # Gains that are now fixed at zero are uncertain, so the intervals of the other gains must not become narrower.
+        # The other intervals must not become narrower, since the gains that are now fixed at zero may have other
+        # values.
         spreads = {
             name: spread._replace(deviation=max(spread.deviation, spreads[name].deviation))
             for name, spread in _spreads(pieces, axes, refit, form).items()

@@ -22,8 +22,8 @@ from drake_quad.identification.windows import airborne_mask
 from drake_quad.identification.windows import segment_numbers as piece_numbers
 from drake_quad.scenario.models import Scenario
 
-MIN_REFERENCE_SPEED = 0.01  # m/s; the reference moves if the standard deviation of its velocity is larger
-_MIN_REFERENCE_RANGE = 0.02  # m; the reference moves if the range of its position is larger
+MIN_REFERENCE_SPEED = 0.01  # m/s; a reference counts as moving if its velocity has a larger standard deviation
+_MIN_REFERENCE_RANGE = 0.02  # m; a reference counts as moving if its position has a larger range
 _SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
 _MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
 _MIN_SAMPLES = 60  # smallest number of samples in a stretch, several per parameter

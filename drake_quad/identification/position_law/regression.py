@@ -73,7 +73,7 @@ class Fit(NamedTuple):
 
 
 def select_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
-    """Fit a law to some axes, and add each of limit, filter and double integral that is significant."""
+    """Fit a law to some axes. An error limit, a filter and a double integral are added if they are significant."""
     fit = fit_with_limit(pieces, axes)
     filters = [
         fit.shape._replace(delay=max(0.0, fit.shape.delay - time), filter_time=time) for time in _INITIAL_FILTER_TIMES
@@ -114,7 +114,7 @@ def search_fit(
     starts: Sequence[Shape],
     free: tuple[str, ...],
 ) -> Fit:
-    """Fit a law by the Nelder-Mead method, from the best of some starts.
+    """Fit a law by the Nelder-Mead method, from the best of the given starts.
 
     Args:
         pieces: stretches of flight.
@@ -212,9 +212,9 @@ def _integral(values: np.ndarray, time: np.ndarray) -> np.ndarray:
 def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, extended: Fit) -> Fit:
     """Return an extended law if its last parameter is significant, and the simpler law otherwise.
 
-    The parameter is significant if a likelihood ratio test, which accounts for the correlation of the residuals,
-    prefers the extended law, if the unexplained variance decreases by at least a fifth, and if the interval of the
-    parameter does not contain zero.
+    The parameter is significant if three conditions hold. A likelihood ratio test, which accounts for the correlation
+    of the residuals, prefers the extended law. The unexplained variance decreases by at least a fifth. The interval of
+    the parameter does not contain zero.
     """
     ratio = np.sum(simple.residuals**2) / max(float(np.sum(extended.residuals**2)), np.finfo(float).tiny)
     if (

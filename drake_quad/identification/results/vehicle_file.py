@@ -47,7 +47,7 @@ from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid
 _COMMENT_WIDTH = 100  # characters
 _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
 _MIN_VALUE_RATIO = 0.1  # lower limit of the distribution of a positive parameter, relative to its mean
-_LIMIT_SIGMA = 6.0  # distance of a required limit from the mean, in standard deviations
+_LIMIT_SIGMA = 6.0  # distance from the mean, in standard deviations, of limits that no sample should reach
 _NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
 # Limit of the rotor speed, relative to the speed at full throttle. It allows 21 % more thrust, which exceeds the error
 # of a thrust curve.
@@ -174,7 +174,7 @@ def _fields(
         node[last] = _as_rigid_body(path, entries) if count else entries[0]
         is_known = [parameter in estimates.identified for parameter in names]
         if nominal and path in Nominal.model_fields and any(is_known):
-            # The value in `nominal` of an item that is not identified is unchanged.
+            # Items that are not identified keep their values in `nominal`.
             old = getattr(base.nominal, path) if count else [None]
             items = [
                 _Entry(entry.mean if known else float(value))
@@ -277,7 +277,7 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
         Interval(value, *item.intervals()[index]).text(unit=unit) for item in (estimates, estimates.for_new_flight())
     )
     if name in estimates.not_identified:
-        return f"not identified, {interval}: value of the extended vehicle, corrected as far as the log allows"
+        return f"not identified, {interval}: value of the base vehicle, corrected as far as the log allows"
     parts = [f"{interval} with 95 % confidence"]
     flight_variance, stretch_variance = (
         0.0 if item is None else np.nan_to_num(item.covariance[index, index])
@@ -309,18 +309,18 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
     if owner is None:  # the effect is switched off in the base
-        return _Entry(0.0, "as in the extended vehicle")
+        return _Entry(0.0, "as in the base vehicle")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
         return _Entry(0.0, "not identified, and 0 at the start of the identification")
     if not hasattr(owner, field):
-        raise InputError(f"{path}[{index}] must also be estimated: the extended vehicle has no such parameter")
+        raise InputError(f"{path}[{index}] must also be estimated: the base vehicle has no such parameter")
     value = getattr(owner, field)[index]
     written = value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
-    return _Entry(written, "as in the extended vehicle")
+    return _Entry(written, "as in the base vehicle")
 
 
 def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
-    """Return the items of a list, with moments of inertia adjusted to the nearest rigid body if needed."""
+    """Return the items of a list, with moments of inertia adjusted to those of a rigid body if needed."""
     is_numeric = all(isinstance(item.value, float) or "normal" in item.value for item in items)
     if path != "inertia" or not is_numeric:
         return items
@@ -334,7 +334,7 @@ def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
 
 
 def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
-    """Complete the motors if their thrust curve was estimated, and raise rotor speed limits that would limit the curve.
+    """Complete the motors if their thrust curve was estimated, and raise rotor speed limits below full throttle.
 
     If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, motors are added to
     `nominal` that produce its full thrust at full throttle.
@@ -377,7 +377,7 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
         return
     missing = next((each for each in ("natural_frequency", "damping") if each not in autopilot), None)
     if missing is not None:
-        raise InputError(f"autopilot.{missing} must also be estimated: the extended vehicle has no attitude response")
+        raise InputError(f"autopilot.{missing} must also be estimated: the base vehicle has no attitude response")
     tree["laboratory"]["autopilot"] = {"kind": _Entry("response"), **autopilot}
     tree["control"] = {
         "attitude": _Entry(None, "the autopilot controls the attitude"),

@@ -10,11 +10,11 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, map_leaves
 
-_SPEED_LIMIT_RATIO = 2.0  # maximum rotor speed relative to the scenario, which must not limit the curve
+_SPEED_LIMIT_RATIO = 2.0  # factor of the maximum rotor speed, so that it does not limit the thrust curve
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
-    """Add the effects to which the parameters belong to a scenario. Effects that were absent get zero coefficients.
+    """Return the scenario with the effects to which the parameters belong. Added effects have zero coefficients.
 
     Args:
         scenario: scenario without distributions.

@@ -87,7 +87,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. They do not if there are no distributions, wind and noise."""
+        """True if the predicted flights differ, which requires distributions, wind or noise in the scenario."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
@@ -167,7 +167,7 @@ def compare_with_log(
     plan = plan_route(routed_scenario)
     times = record.time[is_compared] + reference.start
     target = evaluate(plan.extended_path, times).T
-    # A slowly logged reference is compared at the interpolated positions of the path.
+    # Between the samples of a slowly logged reference, the path replaces the logged positions.
     logged_target = target if is_slow(record) else record.of("reference_position")[is_compared]
     logged_error = logged_target - record.of("position")[is_compared]
     predicted = _positions(routed_scenario, plan, times, samples, progress)

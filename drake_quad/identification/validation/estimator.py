@@ -31,7 +31,7 @@ _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator, during which the 
 _MIN_BLOCKS = 2  # smallest number of blocks whose scatter gives a standard deviation
 _DRAG_WINDOW = 0.1  # s, averaging time of force and air speed
 _MIN_AIR_SPEED = 0.2  # m/s, smallest standard deviation of the air speed from which drag is estimated
-_MIN_SPEED_RATIO = 0.3  # if the air speed along one axis is smaller relative to the other axis, both have the same drag
+_MIN_SPEED_RATIO = 0.3  # axes have the same drag if the ratio of their air speeds is smaller
 
 
 class VelocityEstimate(NamedTuple):
@@ -165,8 +165,8 @@ def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, n
     """Return the variance that white noise of a signal adds to mean derivatives of the signal.
 
     Args:
-        samples: (n,) consecutive samples of the signal, without samples outside the means, since a jump while the
-            estimator settles is not noise.
+        samples: (n,) consecutive samples of the signal. They must not include the time in which the estimator settles,
+            since a jump would count as noise.
         record: record that contains the samples.
         times: times of the start and of the end of each mean, two arrays (n,), s.
     """

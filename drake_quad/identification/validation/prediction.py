@@ -239,7 +239,7 @@ class _Motion(NamedTuple):
     """Measured motion at S starts.
 
     Attributes:
-        state: (12, S) state; rows that are not measured are zero.
+        state: (12, S) state; components that are not measured are zero.
         acceleration: (3, S) acceleration in W, m/s².
         angular_acceleration: (3, S) angular acceleration about the axes of B, rad/s².
     """

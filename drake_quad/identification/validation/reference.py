@@ -20,13 +20,15 @@ TOLERANCE = 2e-3
 # References are sent at 20 Hz or faster, so a reference that is constant for longer than this is at rest, unless it is
 # logged more slowly than it is sent.
 _MAX_REPETITION_TIME = 0.05  # s
-# Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path follows any
-# jump, and 5 g is beyond the position references of multicopters.
+# Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path can follow
+# even a jump, so a larger acceleration shows that the reference jumps. No multicopter is sent position references of 5
+# g.
 _MAX_ACCELERATION = 5.0 * 9.81
 # Weight of the snap relative to the position. The snap determines the path where there are no samples, for example in a
 # gap.
 _SNAP_WEIGHT = 1e-9
-# Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
+# Before the log starts, the vehicle rests. In this fraction of the rest, it accelerates to the first velocity of the
+# log.
 _ACCELERATION_FRACTION = 0.5
 # Largest distance between reference and vehicle at the lift-off, m, for a route that begins on the reference. If the
 # distance is larger, the reference has jumped to the height of the flight.
@@ -139,7 +141,8 @@ def _smooth_path(record: FlightRecord, begin: float) -> tuple[PolynomialPath, fl
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
         logged.append(record.reference_velocity)
-    # If a gap follows the first samples, only equal values show that the reference is at rest.
+    # The first velocity cannot be computed if a gap follows. The reference is therefore at rest if its first two values
+    # are equal.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
     time, *samples = _without_repetitions(record.time, logged)
     end, slow = float(record.time[-1]), is_slow(record)

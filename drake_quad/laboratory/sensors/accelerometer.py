@@ -75,7 +75,7 @@ def first_accelerometer_memory(
     acceleration: VehicleAcceleration,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the memory at the first reading."""
+    """Return the internal state of the sensor at its first reading."""
     force = specific_force(state, acceleration, parameters.position, parameters.gravity)
     return first_memory(parameters.errors, noise, force, rotor_speed)
 
@@ -88,7 +88,7 @@ def next_accelerometer_memory(
     acceleration: VehicleAcceleration,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the memory at the next reading."""
+    """Return the internal state of the sensor at the next reading; `memory` is the state at the previous one."""
     force = specific_force(state, acceleration, parameters.position, parameters.gravity)
     return next_memory(parameters.errors, noise, memory, force, rotor_speed)
 

@@ -4,8 +4,8 @@
 
 with the height h of the sensor, a bias b, a stationary Gauss-Markov process d, and standard normal n. The pressure at
 the port of the sensor differs from the static pressure by κ ρ V² / 2, where V is the speed of the air relative to the
-vehicle, which moves the height by -κ V² / 2g. Close to the ground, the pressure below the rotors rises, and the height
-falls by D at the ground and less above it. The rotors are assumed to turn as in hover.
+vehicle, which changes the reading by -κ V² / 2g. Close to the ground, the air below the rotors has a higher pressure,
+so the reading is too low: by D at the ground, and by less above it. The rotors are assumed to turn as in hover.
 """
 
 from typing import Annotated, NamedTuple
@@ -26,7 +26,7 @@ class PressureHeight(NamedTuple):
 
 
 class HeightDrift(NamedTuple):
-    """Gauss-Markov process of the height.
+    """Slowly varying error of the measured height, a Gauss-Markov process.
 
     Attributes:
         deviation: standard deviation.
@@ -38,10 +38,10 @@ class HeightDrift(NamedTuple):
 
 
 class GroundPressure(NamedTuple):
-    """Error close to the ground.
+    """Error of the measured height close to the ground.
 
     Attributes:
-        depth: fall D of the reading at the ground.
+        depth: amount D by which the reading is too low at the ground.
         length: height L over which the error decays by the factor e.
     """
 
@@ -53,7 +53,7 @@ class BarometerErrors(NamedTuple):
     """Errors that can be switched off; None for an error that is switched off.
 
     Attributes:
-        drift: Gauss-Markov process of the height.
+        drift: slowly varying error of the measured height.
         dynamic_pressure: coefficient κ / 2g of the squared airspeed, s²/m.
         ground_effect: error close to the ground.
     """
@@ -89,20 +89,20 @@ class BarometerNoise(NamedTuple):
 
 
 class BarometerMemory(NamedTuple):
-    """Value of the drift; None if it is switched off."""
+    """Slowly varying error of the measured height at a reading; None if it is switched off."""
 
     drift: _Length | None
 
 
 def barometer_noise(parameters: BarometerParameters) -> BarometerNoise:
-    """Return an example of the noise of a barometer with given parameters."""
+    """Return the noise record of a barometer with given parameters, filled with zeros."""
     return BarometerNoise(0.0, None if parameters.errors.drift is None else 0.0)
 
 
 def first_barometer_memory(
     parameters: BarometerParameters, noise: BarometerNoise | None, state: State, wind: Wind | None
 ) -> BarometerMemory:
-    """Return the memory at the first reading, from the stationary distribution."""
+    """Return the slowly varying errors at the first reading, drawn from their stationary distribution."""
     drift = parameters.errors.drift
     if drift is None or noise is None or noise.drift is None:
         return BarometerMemory(None)
@@ -116,7 +116,7 @@ def next_barometer_memory(
     state: State,
     wind: Wind | None,
 ) -> BarometerMemory:
-    """Return the memory at the next reading."""
+    """Return the slowly varying errors at the next reading; `memory` contains those at the previous one."""
     drift = parameters.errors.drift
     if drift is None or noise is None or noise.drift is None or memory.drift is None:
         return memory

@@ -4,7 +4,7 @@
 
 with the position r of the antenna in B, and standard normal n. d is a stationary Gauss-Markov process on each axis, the
 slowly varying error of the orbits, clocks and the atmosphere. j is an error by multipath, which jumps: in each period h
-a new value of j is drawn with the probability 1 - exp(-h / T), so a value lasts for the mean time T.
+a new value of j is drawn with the probability 1 - exp(-h / T), so a value lasts for about T on average.
 """
 
 from typing import Annotated, NamedTuple
@@ -48,7 +48,7 @@ class VelocityDeviation(NamedTuple):
 
 
 class PositionDrift(NamedTuple):
-    """Gauss-Markov process of the position.
+    """Slowly varying error of the measured position, a Gauss-Markov process on each axis.
 
     Attributes:
         deviation: standard deviation on each axis.
@@ -60,11 +60,11 @@ class PositionDrift(NamedTuple):
 
 
 class Multipath(NamedTuple):
-    """Error of the position that jumps.
+    """Error of the measured position by multipath propagation, which jumps to a new value at random times.
 
     Attributes:
-        deviation: standard deviation of each value on each axis.
-        threshold: number below which a standard normal number lies with the probability of a jump in a period.
+        deviation: standard deviation of the values on each axis.
+        threshold: the error jumps in a period if a standard normal sample is below this number.
     """
 
     deviation: PositionDeviation
@@ -72,7 +72,7 @@ class Multipath(NamedTuple):
 
     @classmethod
     def of(cls, deviation: PositionDeviation, time: Row, period: float) -> "Multipath":
-        """Return the error for the mean time between jumps and the period, s; arguments may be arrays."""
+        """Return the parameters for a mean time between jumps and a period, both in s; arguments may be arrays."""
         return cls(deviation, scipy.special.ndtri(-np.expm1(-period / time)))
 
 
@@ -80,8 +80,8 @@ class GnssErrors(NamedTuple):
     """Errors that can be switched off; None for an error that is switched off.
 
     Attributes:
-        position_drift: Gauss-Markov process of the position.
-        multipath: error of the position that jumps.
+        position_drift: slowly varying error of the measured position.
+        multipath: error by multipath propagation.
     """
 
     position_drift: PositionDrift | None = None
@@ -107,7 +107,7 @@ class GnssParameters(NamedTuple):
 
 
 class MultipathNoise(NamedTuple):
-    """Standard normal samples that decide about a jump, and for the value after the jump."""
+    """Standard normal samples that determine whether the multipath error jumps, and its value after the jump."""
 
     jump: Number
     value: Vector
@@ -118,8 +118,8 @@ class GnssNoise(NamedTuple):
 
     Attributes:
         white: samples for the white noise.
-        position_drift: samples for the Gauss-Markov process.
-        multipath: samples for the jumps.
+        position_drift: samples for the slowly varying error.
+        multipath: samples for the multipath error.
     """
 
     white: Fix
@@ -128,7 +128,7 @@ class GnssNoise(NamedTuple):
 
 
 class GnssMemory(NamedTuple):
-    """Values of the errors at a reading; None for an error that is switched off."""
+    """Slowly varying error and multipath error at a reading; None for an error that is switched off."""
 
     position_drift: Vector | None
     multipath: Vector | None
@@ -138,7 +138,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def gnss_noise(parameters: GnssParameters) -> GnssNoise:
-    """Return an example of the noise with given parameters."""
+    """Return the noise record of a sensor with given parameters, filled with zeros."""
     return GnssNoise(
         Fix(*(0.0,) * 6),
         None if parameters.errors.position_drift is None else _ZERO,
@@ -147,7 +147,7 @@ def gnss_noise(parameters: GnssParameters) -> GnssNoise:
 
 
 def first_gnss_memory(parameters: GnssParameters, noise: GnssNoise | None, state: State) -> GnssMemory:
-    """Return the memory at the first reading, from the stationary distribution."""
+    """Return the slowly varying errors at the first reading, drawn from their stationary distribution."""
     if noise is None:
         return GnssMemory(None, None)
     drift, multipath = parameters.errors
@@ -160,7 +160,7 @@ def first_gnss_memory(parameters: GnssParameters, noise: GnssNoise | None, state
 def next_gnss_memory(
     parameters: GnssParameters, noise: GnssNoise | None, memory: GnssMemory, state: State
 ) -> GnssMemory:
-    """Return the memory at the next reading."""
+    """Return the slowly varying errors at the next reading; `memory` contains those at the previous one."""
     if noise is None:
         return memory
     drift, jumped = memory

@@ -3,8 +3,8 @@
     reading = ω + b + σ n
 
 with the body rates ω, a bias b, and standard normal n. `drake_quad.laboratory.sensors.inertial` describes further
-errors. A gyroscope measures the same rates at every position, except for the vibration of the rotors, which is that of
-a rigid body, too.
+errors. The body is rigid, so a gyroscope measures the same rates at every position, even while the rotors make the body
+vibrate.
 """
 
 from typing import Annotated, NamedTuple
@@ -47,7 +47,7 @@ def _rates(state: State) -> Vector:
 def first_gyroscope_memory(
     parameters: GyroscopeParameters, noise: InertialNoise | None, state: State, rotor_speed: RotorSpeed | None
 ) -> InertialMemory:
-    """Return the memory at the first reading."""
+    """Return the internal state of the sensor at its first reading."""
     return first_memory(parameters.errors, noise, _rates(state), rotor_speed)
 
 
@@ -58,7 +58,7 @@ def next_gyroscope_memory(
     state: State,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the memory at the next reading."""
+    """Return the internal state of the sensor at the next reading; `memory` is the state at the previous one."""
     return next_memory(parameters.errors, noise, memory, _rates(state), rotor_speed)
 
 

@@ -35,7 +35,7 @@ from drake_quad.signals import Number, RotorSpeed, Row
 
 
 class BiasInstability(NamedTuple):
-    """Gauss-Markov process of the bias.
+    """Slowly varying part of the bias, a Gauss-Markov process.
 
     Attributes:
         deviation: standard deviation of the process on each axis, in the unit of the reading.
@@ -51,7 +51,7 @@ class WarmUp(NamedTuple):
 
     Attributes:
         change: change of the bias after the warm-up, in the unit of the reading.
-        step: fraction of the warm-up during a period.
+        step: fraction of the warm-up that passes in a period.
     """
 
     change: Vector
@@ -65,7 +65,7 @@ class LowPass(NamedTuple):
         bandwidth: bandwidth ω_b, rad/s.
         decay: factor of the previous output.
         before: factor of the previous input.
-        now: factor of the input.
+        now: factor of the current input.
     """
 
     bandwidth: Row
@@ -94,7 +94,7 @@ class InertialErrors(NamedTuple):
         temperature_coefficient: change of the bias during warm-up.
         vibration: vibration of the rotors.
         full_scale: largest magnitude of a reading.
-        resolution: step between neighbouring readings.
+        resolution: smallest nonzero difference between two readings.
     """
 
     scale_error: Vector | None = None
@@ -130,13 +130,13 @@ class FilterMemory(NamedTuple):
 
 
 class InertialMemory(NamedTuple):
-    """Memory of an inertial sensor; None for an error that is switched off.
+    """Internal state of an inertial sensor; None for an error that is switched off.
 
     Attributes:
         bias_instability: value of the Gauss-Markov process.
         bias_random_walk: value of the random walk.
         warm_up: completed fraction of the warm-up.
-        filter: memory of the low-pass filter.
+        filter: input and output of the low-pass filter.
         phases: phases of the rotors.
     """
 
@@ -151,7 +151,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def inertial_noise(parameters: Any) -> InertialNoise:
-    """Return an example of the noise of a sensor with given parameters."""
+    """Return the noise record of a sensor with given parameters, filled with zeros."""
     errors = parameters.errors
     return InertialNoise(
         _ZERO,
@@ -163,7 +163,7 @@ def inertial_noise(parameters: Any) -> InertialNoise:
 def first_memory(
     errors: InertialErrors, noise: InertialNoise | None, measured: Vector, rotor_speed: RotorSpeed | None
 ) -> InertialMemory:
-    """Return the memory at the first reading, for the vector that the sensor measures."""
+    """Return the internal state of a sensor at its first reading; `measured` is the vector that the sensor measures."""
     drift = errors.bias_instability
     numbers = None if noise is None else noise.bias_instability
     return InertialMemory(
@@ -182,7 +182,7 @@ def next_memory(
     measured: Vector,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the memory at the next reading, for the vector that the sensor measures."""
+    """Return the internal state of a sensor at the next reading; `memory` is the state at the previous one."""
     drift, walk, warm_up, filtered, phases = memory
     if errors.bias_instability is not None and noise is not None:
         deviation, correlation = errors.bias_instability
@@ -216,7 +216,7 @@ def with_inertial_errors(
     Args:
         parameters: parameters of the sensor, with the fields `bias`, `noise` and `errors`.
         noise: standard normal samples; None if there is no noise.
-        memory: memory at the reading.
+        memory: internal state of the sensor at the reading.
         measured: vector that the sensor measures, along the axes of B.
         vibration: vibration of the rotors; None if it is switched off.
     """
@@ -252,5 +252,5 @@ def _digital(value: Row, full_scale: Row | None, resolution: Row | None) -> Row:
 
 
 def walk_step(density: Row, period: float) -> Row:
-    """Return the standard deviation of the change of a random walk in a period, given K in unit/√s."""
+    """Return the standard deviation K √h of the change of a random walk in a period h (s), given K in unit/√s."""
     return density * math.sqrt(period)

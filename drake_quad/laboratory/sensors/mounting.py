@@ -15,7 +15,7 @@ class SensorPosition(NamedTuple):
 
 
 def axes_of(state: State) -> BodyAxes:
-    """Return the axes of B in W."""
+    """Return the axes of the body frame B of a vehicle, as vectors in W."""
     return BodyAxes.of(state.roll, state.pitch, state.yaw)
 
 

@@ -28,7 +28,7 @@ from drake_quad.signals import SIGNALS, Number, Row, Time, Valid, valid_signal
 
 
 class SensorMemory(NamedTuple):
-    """State equation of a sensor.
+    """State equation of a sensor, whose internal state is called its memory.
 
     Attributes:
         start: function that returns the memory at the first reading. Its arguments are those of the law's formula
@@ -42,7 +42,7 @@ class SensorMemory(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Reading of a sensor that can miss readings.
+    """Reading of a sensor whose readings can be missing, and its validity.
 
     Attributes:
         reading: record of the reading.
@@ -54,21 +54,21 @@ class Sample(NamedTuple):
 
 
 class SensorLaw(NamedTuple):
-    """Measurement law of a sensor.
+    """Measurement law of a sensor: how its readings follow from signals, noise and internal state.
 
     Attributes:
         reading: type of the record of a reading.
-        formula: function that returns a reading, or a `Sample` if the sensor can miss readings. Its arguments are the
+        formula: function that returns a reading, or a `Sample` if readings can be missing. Its arguments are the
             parameters of the sensor, the noise, the memory if the law has a memory, and the input signals of the
             sensor. The parameters are a record with a field `latency_samples`. Errors that can be switched off are
             fields of a record in the field `errors` of the parameters; they are None if they are switched off.
         reads: names of the input signals of the sensor.
-        errors_that_read: further input signals by the name of the error that needs them, as pairs. The formula receives
-            None for the signal if the error is switched off.
+        errors_that_read: pairs of the name of an error and the name of a further input signal that this error needs.
+            The formula receives None for the signal if the error is switched off.
         memory: state equation of the sensor; None for a sensor without a memory.
-        noise: function that returns an example of the noise, a record with a row for each standard normal number of a
-            reading, given the parameters. By default, the noise has the type `reading`. A formula receives None if
-            there is no noise.
+        noise: function that returns a record of zeros with one component for each standard normal sample that a reading
+            needs, given the parameters. By default, the noise has the type `reading`. A formula receives None if there
+            is no noise.
         can_miss: True if the formula returns a `Sample`.
     """
 
@@ -85,7 +85,8 @@ class FaultKind(NamedTuple):
     """Kind of a sensor fault.
 
     Attributes:
-        is_reported: True if lost readings are not valid; False if the sensor repeats its reading as if it were new.
+        is_reported: True if the sensor reports lost readings as not valid; False if it repeats its last reading as if
+            it were new.
         is_random: True if readings are lost at random.
     """
 
@@ -126,7 +127,7 @@ class Dropout(NamedTuple):
 
 
 class _Structure(NamedTuple):
-    """Properties of a sensor that its formulas need.
+    """Properties of a `Sensor` on which its state equations depend.
 
     Attributes:
         law: measurement law.
@@ -140,7 +141,7 @@ class _Structure(NamedTuple):
 
     @property
     def can_miss(self) -> bool:
-        """True if the sensor can miss readings."""
+        """True if readings of the sensor can be missing."""
         return self.law.can_miss or self.fault is not None
 
     def sample(self, memory: Any, parameters: Any, noise: Any, signals: tuple[Any, ...]) -> Sample:
@@ -170,7 +171,7 @@ def first_reading(
     time: Row,
     *signals: Any,
 ) -> tuple[Any, ...]:
-    """Return the initial states of a `Sensor`. If the first reading is missing, all its rows are zero."""
+    """Return the initial states of a `Sensor`. If the first reading is missing, all its components are zero."""
     law = structure.law
     memory = None if law.memory is None else law.memory.start(parameters, noise, *signals)
     sample = structure.sample(memory, parameters, noise, signals)
@@ -200,7 +201,7 @@ def next_reading(
 
     Args:
         structure: properties of the sensor.
-        out: available reading before the update; None for a sensor that cannot miss readings.
+        out: reading that the output contained before the update; None if no reading can be missing.
         in_transit: earlier readings that are not yet available, the latest one first.
         valid_in_transit: validity of these readings.
         memory: memory at the previous reading.
@@ -279,7 +280,7 @@ class Sensor(FleetSystem):
     The parameters of the context are `parameters` and, for a sensor with a fault, `fault`. The states are the states of
     a `DelayLine`: the latest reading that has arrived, under the name of the sensor, and, if there is latency, the
     readings in transit. If readings can be missing, the validity has a `DelayLine` of its own. The state `memory` is
-    the memory of the measurement law, for the errors that need one.
+    the internal state of the measurement law, if its errors need one.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -346,7 +347,8 @@ class Sensor(FleetSystem):
         reads = parameter, noise, *fault_reads, *signals
         writes = *line, *validity, memory if remembers else None
         self.initialize(first_reading, structure, *reads, writes=writes)
-        # The initialization event has already used the random samples of time zero.
+        # The initialization event already takes the reading at time zero. A memory must not be advanced again with the
+        # same random samples, so the updates of a sensor with a memory begin one period later.
         self.update(
             period,
             next_reading,

@@ -33,10 +33,10 @@ class Anchor(NamedTuple):
 
 
 class Outliers(NamedTuple):
-    """Distances that are too long.
+    """Outliers: distances that are too long because a reflection is received.
 
     Attributes:
-        threshold: number below which a standard normal number lies with the probability of an outlier.
+        threshold: a reading is an outlier if a standard normal sample is below this number.
         deviation: standard deviation of the normal number whose magnitude is added.
     """
 
@@ -45,7 +45,7 @@ class Outliers(NamedTuple):
 
     @classmethod
     def of(cls, rate: Row, deviation: Row) -> "Outliers":
-        """Return the outliers for a probability and a standard deviation, m; arguments may be arrays."""
+        """Return the parameters for a probability of outliers and a standard deviation, m; arguments may be arrays."""
         return cls(scipy.special.ndtri(rate), deviation)
 
 
@@ -53,7 +53,7 @@ class UwbErrors(NamedTuple):
     """Errors that can be switched off; None for an error that is switched off.
 
     Attributes:
-        outlier_rate: distances that are too long.
+        outlier_rate: parameters of the outliers.
     """
 
     outlier_rate: Outliers | None = None
@@ -82,7 +82,7 @@ class UwbParameters(NamedTuple):
 
 
 class OutlierNoise(NamedTuple):
-    """Standard normal samples that decide about an outlier, and for its size."""
+    """Standard normal samples that determine whether a reading is an outlier, and the size of the outlier."""
 
     outlier: Number
     size: Number
@@ -101,7 +101,7 @@ class UwbNoise(NamedTuple):
 
 
 def uwb_noise(parameters: UwbParameters) -> UwbNoise:
-    """Return an example of the noise with given parameters."""
+    """Return the noise record of a sensor with given parameters, filled with zeros."""
     return UwbNoise(0.0, None if parameters.errors.outlier_rate is None else OutlierNoise(0.0, 0.0))
 
 

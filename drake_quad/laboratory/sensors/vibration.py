@@ -14,8 +14,8 @@ mass measures the vibration
 The integral is taken at constant speed, which replaces Ω² cos kφ by Ω sin kφ / k. Products of ω with the other body
 rates are neglected. The vibration does not move the simulated vehicle, whose rotor forces are averages over a turn.
 
-The vibration is evaluated at the instant of a reading, so lines above half of the sampling rate are aliased as in a
-real sensor. A low-pass filter ω_b / (s + ω_b) of the sensor acts on the line k as in continuous time: with x = k Ω /
+The vibration is evaluated at the instant of a reading, so harmonics above half of the sampling rate are aliased as in a
+real sensor. A low-pass filter ω_b / (s + ω_b) of the sensor acts on harmonic k as in continuous time: with x = k Ω /
 ω_b,
 
     cos kφ → (cos kφ + x sin kφ) / (1 + x²)        sin kφ → (sin kφ - x cos kφ) / (1 + x²)
@@ -109,12 +109,12 @@ def rotor_forces(rotor: Any, unbalance: Row) -> tuple[Vector, Vector, Vector]:
 
 
 def first_phases(vibration: Vibration, speed: RotorSpeed) -> RotorPhases:
-    """Return the phases at the first reading."""
+    """Return the phases of the rotors at the first reading."""
     return RotorPhases(vibration.initial_phases, speed)
 
 
 def next_phases(vibration: Vibration, phases: RotorPhases, speed: RotorSpeed) -> RotorPhases:
-    """Return the phases at the next reading, by the trapezoidal rule."""
+    """Return the phases of the rotors at the next reading, by the trapezoidal rule."""
     half = 0.5 * vibration.period
     turned = (
         wrap_angle(phase + half * (before + now))
@@ -127,7 +127,7 @@ def vibration_force(vibration: Vibration, phases: RotorPhases, bandwidth: Row | 
     """Return the specific force f of the vibration, m/s²; `bandwidth` is ω_b in rad/s, or None without a filter."""
     total = Vector(0.0, 0.0, 0.0)
     for response, phase, speed in zip(vibration.responses, *phases, strict=True):
-        lines = _lines(phase, speed, len(vibration.harmonics), bandwidth)
+        lines = _filtered_harmonics(phase, speed, len(vibration.harmonics), bandwidth)
         ripple = _weighted(vibration.harmonics, [cosine for cosine, _ in lines])
         (cosine, sine), *_ = lines
         total = plus(total, times(speed * speed, _sum(response, cosine, sine, ripple)))
@@ -138,15 +138,17 @@ def vibration_rate(vibration: Vibration, phases: RotorPhases, bandwidth: Row | N
     """Return the angular velocity ω of the vibration, rad/s; `bandwidth` is ω_b in rad/s, or None without a filter."""
     total = Vector(0.0, 0.0, 0.0)
     for response, phase, speed in zip(vibration.responses, *phases, strict=True):
-        lines = _lines(phase, speed, len(vibration.harmonics), bandwidth)
+        lines = _filtered_harmonics(phase, speed, len(vibration.harmonics), bandwidth)
         ripple = _weighted(vibration.harmonics, [sine * (1.0 / (k + 1)) for k, (_, sine) in enumerate(lines)])
         (cosine, sine), *_ = lines
         total = plus(total, times(speed, _sum(response, sine, -cosine, ripple)))
     return total
 
 
-def _lines(phase: Angle, speed: RotorRate, num_harmonics: int, bandwidth: Row | None) -> list[tuple[Row, Row]]:
-    """Return cos kφ and sin kφ for the harmonics k = 1, 2, ..., at least for k = 1, filtered by the sensor."""
+def _filtered_harmonics(
+    phase: Angle, speed: RotorRate, num_harmonics: int, bandwidth: Row | None
+) -> list[tuple[Row, Row]]:
+    """Return cos kφ and sin kφ for the harmonics k = 1, 2, ... (at least k = 1), after the sensor's low-pass filter."""
     sine, cosine = sin_cos(phase)
     c, s = cosine, sine
     lines = [(c, s)]

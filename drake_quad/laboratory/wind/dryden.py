@@ -264,6 +264,6 @@ class DrydenTurbulence(FleetSystem):
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         filters = self.state("filter", lambda _: FilterState(0.0, 0.0, 0.0, 0.0, 0.0))
         self.initialize(first_sample, noise, turbulence, writes=[wind, filters])
-        # The initialization event has already used the random samples of time zero.
+        # The initialization event already uses the random samples of time zero, so updates begin one period later.
         self.update(period, next_sample, filters, noise, turbulence, writes=[wind, filters], at_start=False)
         self.state_output(wind)

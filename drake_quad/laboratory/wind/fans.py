@@ -190,6 +190,6 @@ class Fans(FleetSystem):
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         eddies = self.state("eddies", lambda _: Eddies(0.0, 0.0, 0.0))
         self.initialize(first_sample, state, noise, jets, writes=[wind, eddies])
-        # The initialization event has already used the random samples of time zero.
+        # The initialization event already uses the random samples of time zero, so updates begin one period later.
         self.update(period, next_sample, state, eddies, noise, jets, period, writes=[wind, eddies], at_start=False)
         self.state_output(wind)

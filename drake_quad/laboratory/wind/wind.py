@@ -81,9 +81,10 @@ def build_held_wind(source: Any, *, period: float) -> Diagram:
         output_ports:
         - wind
 
-    Without the hold, the vehicle would evaluate a source that depends on time or position at the end of a time step,
-    but with the state at the beginning of the step. The input port `state` exists if the source has this port. Before
-    the first sample at time zero, `wind` is zero; no time step of the vehicle uses this value.
+    The vehicle evaluates its inputs at the end of a time step. A directly connected source would therefore be evaluated
+    for the time at the end of the step, but for the position at the beginning. The input port `state` exists if the
+    source has this port. Before the first sample at time zero, `wind` is zero; no time step of the vehicle uses this
+    value.
 
     Args:
         source: system with one output port for the wind, and optionally the input port `state`.

@@ -33,7 +33,7 @@ class AccelerationAction(Action):
     vectors_thrust: ClassVar = True
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for an `AccelerationActuation`."""
+        """Return the recipe to build an `AccelerationActuation`."""
         return Recipe(
             AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.max_acceleration)
         )

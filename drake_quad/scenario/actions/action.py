@@ -36,7 +36,7 @@ class Action(Model):
 
     @abstractmethod
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for the system that converts an action to a command.
+        """Return the recipe to build the system that converts an action to a command.
 
         Args:
             setting: scenario properties on which the recipe depends.

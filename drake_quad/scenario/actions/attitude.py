@@ -27,6 +27,6 @@ class AttitudeAction(ThrustAction):
     commands: ClassVar = "attitude"
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for an `AttitudeActuation`."""
+        """Return the recipe to build an `AttitudeActuation`."""
         scale = AttitudeScale(self.thrusts(setting.nominal), self.max_tilt, self.max_yaw)
         return Recipe(AttitudeActuation, {}, scale)

@@ -34,7 +34,7 @@ class RatesAction(ThrustAction):
     commands: ClassVar = "rates"
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for a rate loop on the ground, or for a system that commands the rate loop on board."""
+        """Return the recipe to build a rate loop on the ground, or a system that commands the rate loop on board."""
         on_board = setting.autopilot.controls_attitude
         gains: Any = (0.0, 0.0, 0.0) if on_board else self.k_rate
         if gains is None and attitude is not None:

@@ -39,7 +39,7 @@ class RotorSpeedsAction(Action):
         return self
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for a `RotorSpeedActuation`."""
+        """Return the recipe to build a `RotorSpeedActuation`."""
         nominal = setting.nominal
         units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
         wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, nominal).wrench)) for unit in units)

@@ -20,7 +20,7 @@ from drake_quad.vehicle.parameters import Inertia
 
 
 class AttitudeControllerSettings(Model):
-    """Control law from a commanded attitude to torques. For a fleet, values that a study draws are (N,) arrays."""
+    """Control law from a commanded attitude to torques. For a fleet, randomly drawn values are (N,) arrays."""
 
     kind: str
     k_p: Gains = Field(description="proportional gains of roll, pitch, yaw (1/s²)")
@@ -28,7 +28,7 @@ class AttitudeControllerSettings(Model):
 
     @abstractmethod
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for a system with the ports of an `AttitudeController`.
+        """Return the recipe to build a system with the ports of an `AttitudeController`.
 
         Args:
             inertia: moments of inertia of the nominal vehicle.

@@ -48,7 +48,7 @@ class GeometricAttitude(AttitudeControllerSettings):
     )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for the controller, including its integral term if it has one."""
+        """Return the recipe to build the controller, including its integral term if it has one."""
         structure: dict[str, Any] = {"transports": self.transport_term}
         if self.k_i is None:
             return Recipe(GeometricAttitudeController, structure, self.parameters(inertia))

@@ -33,7 +33,7 @@ class IndiAttitude(AttitudeControllerSettings):
     )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for the controller."""
+        """Return the recipe to build the controller."""
         law = IncrementalLaw(self.bandwidth)
         parameters = IncrementalAttitudeParameters(self.parameters(inertia), law, self.lag, self.disturbance_limit)
         return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, parameters)

@@ -19,5 +19,5 @@ class PdAttitude(AttitudeControllerSettings):
     )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for the PD controller."""
+        """Return the recipe to build the PD controller."""
         return Recipe(attitude.AttitudeController, {}, self.parameters(inertia))

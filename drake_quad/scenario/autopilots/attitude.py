@@ -119,7 +119,7 @@ class AttitudeAutopilotSettings(Autopilot):
         return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for both loops.
+        """Return the recipe to build both loops.
 
         If only body rates are commanded, the attitude loop has no effect. This corresponds to ignoring the attitude by
         the type mask of the MAVLink message SET_ATTITUDE_TARGET.
@@ -162,7 +162,7 @@ class AttitudeAutopilotSettings(Autopilot):
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the period of the loops is longer than the period of the link."""
+        """Raise a validation error if the period of the loops is longer than the period of the command link."""
         link = scenario.laboratory.command_link.period
         if not self.period <= link:
             demand = f"must not be longer than the period of the command link, {link} s"

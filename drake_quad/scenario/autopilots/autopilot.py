@@ -21,7 +21,7 @@ Commanded = Literal["attitude", "rates", "wrench"]
 
 
 class Autopilot(Model):
-    """Autopilot on board. In a fleet scenario, values that a study draws are (N,) arrays.
+    """Autopilot on board. In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         period: period of the loops on board, s; None if there are no loops.
@@ -37,7 +37,7 @@ class Autopilot(Model):
     """
 
     kind: str
-    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
+    if TYPE_CHECKING:  # at runtime, this annotation would change the order of the fields of subclasses
         period: ClassVar[float | None]
     command: ClassVar[Command]
     accepts: ClassVar[tuple[Commanded, ...]]
@@ -58,7 +58,7 @@ class Autopilot(Model):
 
     @abstractmethod
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for the system `autopilot` between link and allocation; empty if there is no such system.
+        """Return the recipe to build the system `autopilot` between command link and control allocation, if it exists.
 
         Args:
             nominal: parameters of the nominal vehicle.
@@ -68,7 +68,7 @@ class Autopilot(Model):
         """
 
     def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:
-        """Return the recipe for the vehicle, given the structure and the parameters of a `Quadrotor`."""
+        """Return the recipe to build the vehicle, given the structure and the parameters of a `Quadrotor`."""
         return Recipe(Quadrotor, structure, config)
 
     def fastest_decay(self) -> AngleRate:
@@ -84,7 +84,7 @@ class Autopilot(Model):
         return self.model_copy(update=self.bias_free)
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the autopilot does not fit the vehicle or the link of its `Scenario`."""
+        """Raise a validation error if the autopilot does not fit the vehicle or the command link of its `Scenario`."""
 
 
 AUTOPILOTS = OpenUnion(Autopilot, "period")

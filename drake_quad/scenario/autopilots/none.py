@@ -9,7 +9,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @AUTOPILOTS.register
 class NoAutopilot(Autopilot):
-    """No autopilot: the attitude is controlled on the ground, and the link carries a wrench, as in the paper."""
+    """No autopilot: the attitude is controlled on the ground, and the command link carries a wrench."""
 
     period: ClassVar = None
     command: ClassVar = "wrench"
@@ -18,8 +18,8 @@ class NoAutopilot(Autopilot):
     kind: Literal["none"]
 
     def attitude_response(self) -> None:
-        """Return None, since no attitude is commanded over the link."""
+        """Return None, since no attitude is commanded over the radio link."""
 
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return an empty mapping, since there is no system between link and allocation."""
+        """Return an empty mapping, since there is no system between the command link and the control allocation."""
         return {}

@@ -45,11 +45,11 @@ class AttitudeResponseSettings(Autopilot):
         return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for a system that passes the thrust through. The vehicle model follows the attitude."""
+        """Return the recipe to build a system that passes the thrust on. The vehicle model follows the attitude."""
         return {"autopilot": Recipe(ThrustOnly, {}, None)}
 
     def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:
-        """Return the recipe for a vehicle whose attitude has this response."""
+        """Return the recipe to build a vehicle whose attitude has this response."""
         response = attitude_response.AttitudeResponse(
             NaturalFrequencies(*self.natural_frequency), DampingRatios(*self.damping)
         )

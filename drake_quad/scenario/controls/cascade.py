@@ -66,7 +66,7 @@ class CascadeControl(Control):
             raise scenario.field_error(demand, "control", "position", "feed_forward")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for all parts of the cascade."""
+        """Return the recipes to build all parts of the cascade."""
         recipes = self.position.recipes(setting)
         if self.network is not None:
             recipes |= self.network.recipes(setting.tick, setting.plan)
@@ -98,7 +98,7 @@ class CascadeControl(Control):
         return self.thrust_vectoring
 
     def cascade(self) -> "CascadeControl":
-        """Return this model, since it describes a cascade."""
+        """Return the control itself, which is a cascade."""
         return self
 
     def parts(self) -> list[str]:

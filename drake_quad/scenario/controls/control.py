@@ -19,7 +19,7 @@ from drake_quad.scenario.unions import OpenUnion
 
 
 class Control(Model):
-    """Controller on the ground. In a fleet scenario, values that a study draws are (N,) arrays.
+    """Controller on the ground. In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         network: fuzzy network around the controller; None without a network.
@@ -27,17 +27,17 @@ class Control(Model):
     """
 
     kind: str
-    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
+    if TYPE_CHECKING:  # at runtime, this annotation would change the order of the fields of subclasses
         network: ClassVar[Network | None]
     user_system_paths: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for all systems of the control, by their paths in the diagram."""
+        """Return the recipes to build all systems of the control, by their paths in the diagram."""
 
     @abstractmethod
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Build the diagram `control`, which computes the command for the link from `measurement` and `reference`.
+        """Build the diagram `control`, which computes the command for the vehicle from `measurement` and `reference`.
 
         Args:
             systems: systems built from the recipes, by their paths.

@@ -76,7 +76,7 @@ class Axis(Model):
         " (unit of the command times √s)",
     )
     position_noise: Annotated[FixedPositive, PLAUSIBLE_POSITION_NOISE] = Field(
-        description="standard deviation of the position in a frame (m)"
+        description="standard deviation of the position in a camera frame (m)"
     )
     command_weight: FixedPositive = Field(
         description="weight ρ of the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
@@ -141,7 +141,7 @@ class LateralAxis(Axis):
         description="disturbing angular acceleration times gravity, white noise filtered by a first-order lag (m/s⁴)"
     )
     attitude_noise: Annotated[FixedAngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
-        description="standard deviation of roll and pitch in a frame (rad)"
+        description="standard deviation of roll and pitch in a camera frame (rad)"
     )
     name: ClassVar = "lateral"
 
@@ -185,11 +185,11 @@ class LqgControl(Control):
     min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
     max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
     max_snap: FixedPositive = Field(
-        default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
+        default=400.0, description="largest command along x and along y if torques are sent over the link (m/s⁴)"
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
-    # Names of fields that have an effect only if the link carries torques.
+    # Names of fields that have an effect only if the command link carries torques.
     torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
@@ -226,7 +226,7 @@ class LqgControl(Control):
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the controller and for the network, if there is one."""
+        """Return the recipes to build the controller and for the network, if there is one."""
         structure = {
             "signal": setting.autopilot.command,
             "period": setting.frame,

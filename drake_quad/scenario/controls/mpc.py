@@ -117,7 +117,7 @@ class MpcControl(LqgControl):
         return self
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the regulator, the quadratic programme, and the network if there is one."""
+        """Return the recipes to build the regulator, the quadratic programme, and the network if there is one."""
         (path, regulator), *others = super().recipes(setting).items()
         return {path: regulator, "programme": self._programme(setting, regulator.parameters), **dict(others)}
 

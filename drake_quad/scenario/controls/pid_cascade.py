@@ -154,7 +154,7 @@ class PidCascadeControl(Control):
         return self.num_ticks(tick) * tick
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the cascade."""
+        """Return the recipe to build the cascade."""
         nominal, tick = setting.nominal, setting.tick
         period = self.loop_period(tick)
         command = self.command

@@ -71,7 +71,7 @@ class PolicyControl(Control):
             yield InactiveSetting(f"{path}.thrust_vectoring", f"{path}.action.kind is {self.action.kind}")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the observation, the actuation and, if there is a network, the policy."""
+        """Return the recipes to build the observation, the actuation and, if there is a network, the policy."""
         action, observation, nominal = self.action, self.observation, setting.nominal
         structure = {
             "period": setting.tick,

@@ -32,7 +32,7 @@ class ThrustVectoringSettings(Model):
         return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
 
     def recipe(self, nominal: QuadrotorParameters, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for the thrust vectoring, given the attitude controller on the ground, if any."""
+        """Return the recipe to build the thrust vectoring, given the attitude controller on the ground, if any."""
         structure = {"projects": False} if attitude is None else attitude.vectoring()
         parameters = VectoringParameters(nominal.mass, nominal.gravity, self.thrust_limits(nominal))
         return Recipe(thrust_vectoring.ThrustVectoring, structure, parameters)

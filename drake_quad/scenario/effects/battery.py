@@ -18,7 +18,7 @@ _PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, upper=2.0)
 
 @EFFECTS.register
 class BatteryEffect(VehicleEffect):
-    """A battery that the rotors discharge. Its voltage falls as it discharges, and with the current."""
+    """A battery that the rotors discharge. Its voltage falls as the charge decreases, and with increasing current."""
 
     voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_from_record(
         Battery, "voltage", "open-circuit voltage of the full battery"

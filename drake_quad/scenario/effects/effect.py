@@ -21,7 +21,7 @@ NO_OFFSET = (0.0, 0.0, 0.0)
 class VehicleEffect(Model):
     """Effect on the vehicle that the paper's equations do not contain.
 
-    In a fleet scenario, values that a study draws are (N,) arrays.
+    In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         field: name of the vehicle field that contains the effect.
@@ -79,7 +79,7 @@ EFFECTS = OpenFields(VehicleEffect)
 
 
 class AirLoadEffect(VehicleEffect):
-    """Effect whose force and torque depend on airspeed and rotor speeds. The record's method `load` computes them."""
+    """Effect whose force and torque depend on airspeed and rotor speeds. The class `record` computes them by `load`."""
 
     depends_on_wind: ClassVar = True
 

@@ -108,7 +108,7 @@ class _Reader:
         return Mark(self._source, event.start_mark.line + 1 if self._with_line_numbers else 0)
 
     def _enter(self, event: Any, nodes: int, levels: int) -> None:
-        """Count nodes, and levels below the present one, towards the limits."""
+        """Count nodes and nesting levels towards the limits."""
         self._nodes += nodes
         self._deepest = max(self._deepest, self._level + levels)
         if self._nodes > self._max_nodes:
@@ -138,8 +138,8 @@ class _Reader:
     def _aliased(self, event: Any) -> Tree:
         if event.anchor not in self._anchors:
             raise InputError(
-                f"{self._mark(event)}: is not YAML: the alias *{shorten_text(event.anchor)} needs an anchor that ends"
-                " before it"
+                f"{self._mark(event)}: is not YAML: the alias *{shorten_text(event.anchor)} must come after the"
+                " value with its anchor"
             )
         anchored = self._anchors[event.anchor]
         self._enter(event, anchored.nodes, anchored.levels)

@@ -2,7 +2,7 @@
 
 Mappings are merged field by field, and any other value is replaced. Three parts are replaced as a whole, because a
 mixture of two vehicles, controls or routes makes no sense: the vehicle, the control, and the route together with its
-duration and metric window.
+duration and the time window of the metrics.
 """
 
 from drake_quad.errors import InputError, join_names, shorten_text
@@ -32,7 +32,7 @@ _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_ki
 # Fields of `nominal` that describe an airframe. A description also needs one of the fields that give the rotor
 # positions.
 _AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FLIGHT_FIELDS["nominal"]}
-# A new route replaces all of these fields, since the duration and the metric window belong to the route.
+# A new route replaces all of these fields, since the duration and the time window of the metrics belong to the route.
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
 
@@ -121,7 +121,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
       new vehicle. If the base has an autopilot response that was identified with the old vehicle, the autopilot and the
       control that depends on it are removed.
     - A control with a kind replaces the control of the base.
-    - A route with a kind replaces the route of the base, together with the duration and the metric window.
+    - A route with a kind replaces the route of the base, together with the duration and the time window
+      of the metrics.
     """
     base_fields, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
@@ -133,8 +134,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     result = with_override(base._replace(value=base_fields), layer)
     if not new_vehicle:
         return result
-    # Relative distributions apply to the new vehicle, so they are merged last. Those of the layer take precedence over
-    # those of the base, so they are merged after them.
+    # Relative distributions apply to the new vehicle, so they are merged last. The relative
+    # distributions of the layer are merged after those of the base, over which they take precedence.
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:

@@ -70,7 +70,7 @@ class Library:
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        # The default limit allows a cached result.
+        # Results of parsing are cached if the limit is the default, so a smaller limit is applied only if necessary.
         document = parse_document(text, source, with_line_numbers=with_line_numbers)
         if document.nodes > self._nodes:
             document = parse_document(text, source, with_line_numbers=with_line_numbers, max_nodes=self._nodes)

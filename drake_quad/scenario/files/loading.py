@@ -53,7 +53,7 @@ class Override(NamedTuple):
         return override if isinstance(override, Override) else cls(override, f"override {override}")
 
 
-# One override or a sequence of overrides. `Override` itself is a tuple.
+# One override or a sequence of overrides.
 Overrides = str | Override | Mapping[str, Any] | Sequence[str | Override | Mapping[str, Any]]
 
 
@@ -84,7 +84,7 @@ def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
         fields: new values of top-level fields by name, as mappings and numbers.
 
     Raises:
-        InputError: an error of `load_scenario`.
+        InputError: under the conditions of `load_scenario`.
     """
     trees = [*override_trees({**scenario.model_dump(mode="json"), **fields}, Library())]
     return validate(Scenario, reduce(merge, trees))
@@ -120,7 +120,7 @@ def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequ
         layers: layers for `load_scenario`.
 
     Raises:
-        InputError: an error of `load_scenario`.
+        InputError: under the conditions of `load_scenario`.
     """
     tree = _loaded(spec, overrides, layers, defaults_text=_UNDESIGNED_DEFAULTS)
     return validate(Scenario, _with_attitude_on_board(tree))
@@ -351,7 +351,7 @@ def _registration_hint(problem: Any, node: Tree, path: tuple[Any, ...]) -> str:
     """Return a clause with the command that registers an unknown kind or effect; empty for other problems.
 
     The options come from the scenario file if `save_scenario` wrote it. Otherwise they are derived from a kind of the
-    form MODULE.CLASS, since `register_controller` names kinds so. A name similar to a registered one is assumed to be a
+    form MODULE.CLASS, the names that `register_controller` gives. A name similar to a registered one is assumed to be a
     spelling mistake, for which no command is suggested.
     """
     context = problem.get("ctx", {})

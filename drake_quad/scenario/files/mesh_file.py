@@ -17,6 +17,7 @@ from drake_quad.space.simplification import simplified_hull
 _MAX_MESH_BYTES = 50_000_000  # limits the time to read a file
 # Header of a binary .stl file: 80 bytes, then the number of triangles. Each triangle has 12 numbers and 2 more bytes.
 _STL_HEADER_BYTES = 84
+_STL_COUNT = slice(80, _STL_HEADER_BYTES)
 _ROBOT_MESSAGE = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element"
 _CONVERSION_MESSAGE = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
 # Error messages for other common formats, by file suffix.
@@ -70,7 +71,9 @@ def mesh_points(path: Path) -> Tree:
     try:
         points = read(data)
     except (ValueError, IndexError):
-        raise InputError(f"{mark}: is not a mesh of the format that its file name implies") from None
+        points = np.empty((0, 3))
+    if not points.size:
+        raise InputError(f"{mark}: is incomplete, or not a mesh of the format that its file name implies")
     try:
         hull = simplified_hull(points, MAX_CORNERS)
     except InputError as error:
@@ -96,10 +99,12 @@ def _obj_vertices(data: bytes) -> np.ndarray:
 
 def _stl_vertices(data: bytes) -> np.ndarray:
     """Return the vertices (n, 3) of a binary .stl file, or of a text file in which they follow the keyword `vertex`."""
-    if len(data) >= _STL_HEADER_BYTES and len(data) == _STL_HEADER_BYTES + _STL_TRIANGLE.itemsize * int.from_bytes(
-        data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES], "little"
-    ):
-        triangles = np.frombuffer(data, _STL_TRIANGLE, offset=_STL_HEADER_BYTES)
-        return np.unique(triangles["corners"].reshape(-1, 3).astype(float), axis=0)
-    rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
-    return np.array([[parse_float(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])
+    size = _STL_HEADER_BYTES + _STL_TRIANGLE.itemsize * int.from_bytes(data[_STL_COUNT], "little")
+    is_binary = len(data) >= _STL_HEADER_BYTES and (len(data) == size or b"vertex" not in data)
+    if not is_binary:
+        rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
+        return np.array([[parse_float(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])
+    if len(data) < size:
+        raise ValueError("the file ends before its last triangle")
+    triangles = np.frombuffer(data[:size], _STL_TRIANGLE, offset=_STL_HEADER_BYTES)
+    return np.unique(triangles["corners"].reshape(-1, 3).astype(float), axis=0)

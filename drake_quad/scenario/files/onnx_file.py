@@ -35,7 +35,7 @@ _ACTION_NAMES = ("action", "actions")
 _STANDARD_DOMAINS = ("", "ai.onnx")
 # Relative rounding error of a constant in single precision.
 _CONSTANT_TOLERANCE = 1e-6
-# Relative rounding error of a product of several such constants.
+# Relative rounding error of a product of several constants in single precision.
 _GATE_TOLERANCE = 1e-5
 # Largest depth of the arithmetic expression that forms a gate.
 _MAX_GATE_DEPTH = 10
@@ -385,7 +385,7 @@ def _gru(layers: Layers, node: _Node) -> None:
     attributes = node.attributes
     _, input_gates, hidden_gates, both, lengths, initial = [*node.constants, None, None, None][:6]
     if attributes.get("linear_before_reset", 0) != 1 or attributes.get("direction", b"forward") != b"forward":
-        raise UnreadableError("has a GRU that is not forward, or without linear_before_reset, which is not supported")
+        raise UnreadableError("has an unsupported GRU: direction must be forward, and linear_before_reset must be 1")
     activations = [each.decode().lower() for each in attributes.get("activations", [b"sigmoid", b"tanh"])]
     if activations != ["sigmoid", "tanh"] or "clip" in attributes or lengths is not None:
         raise UnreadableError(
@@ -409,7 +409,7 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Append a clipping layer. It is omitted if it clips actions outside [-1, 1], which they never leave."""
+    """Append a clipping layer, unless it only removes actions outside [-1, 1], which do not occur."""
     attributes = [node.attributes.get(name) for name in ("min", "max")]  # the limits are attributes up to opset 10
     bounds = attributes if len(node.constants) == 1 else [*node.constants[1:], None][:2]
     if node.chain_index or any(np.size(each) != 1 for each in bounds if each is not None):

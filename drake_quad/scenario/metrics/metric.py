@@ -15,7 +15,7 @@ another type, such as a type of `drake_quad.scenario.quantities`.
 The rules also are kinds of metrics, for scalar signals (`drake_quad.laboratory.derived_signals`), as in
 `{kind: max, of: state.z}`.
 
-A metric that needs other sums than those of the rules in `REDUCTIONS` is given by the record of its sums before the
+A metric that needs other sums than those of the rules in `REDUCTIONS` is given by a named tuple of its sums before the
 first tick, the formula that adds a tick, and the function that computes the metric from the final sums:
 
     class Distance(NamedTuple):
@@ -229,8 +229,8 @@ def metric(
     Args:
         unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
         over_time: name of the rule in `REDUCTIONS` that combines the values of the formula.
-        initial: record of sums before the first tick, if no rule is given. The first argument of the formula is then
-            this record of sums.
+        initial: named tuple of sums before the first tick, if no rule is given. The first argument of the formula is
+            then this named tuple.
         value: function that computes the metric, given the final sums, the number of ticks (NaN instead of 0), and the
             duration of a tick, s. It requires `initial`.
         label: label in tables and plots; by default the name of the metric in the scenario.

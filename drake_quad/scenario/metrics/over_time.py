@@ -24,7 +24,7 @@ _DESCRIPTIONS = {
 class SignalMetric(MetricSettings):
     """Metric that combines the values of a scalar signal over time."""
 
-    of: str = Field(description="derived signal, or row of a signal such as `state.z`")
+    of: str = Field(description="name of a derived signal, or of a component of a signal, such as `state.z`")
 
     @field_validator("of")
     @classmethod

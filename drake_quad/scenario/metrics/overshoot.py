@@ -32,7 +32,7 @@ def _opposite(sums: OvershootSums, ticks: Any, _: float) -> Any:
 
 @metric("m", initial=OvershootSums(), value=_opposite, value_range="nonnegative")
 def overshoot(sums: OvershootSums, state: State, reference: Reference, ticks: Row) -> OvershootSums:
-    """Largest position error in the direction opposite to the error at the start of the window."""
+    """Largest position error in the direction opposite to the error at the start of the metrics window."""
     x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z
     started = ticks > 0.0
     x_0, y_0, z_0 = where(started, sums.x, x), where(started, sums.y, y), where(started, sums.z, z)

@@ -40,7 +40,7 @@ def settling_time(
     *,
     radius: Annotated[FixedPositive, Field(description="largest distance from the reference (m)")] = 0.1,
 ) -> SettlingSums:
-    """Time from the start of the window until the distance from the reference stays below a radius.
+    """Time from the start of the metrics window until the distance from the reference stays below a radius.
 
     It is infinite if the vehicle is outside the radius at the end of the window.
     """

@@ -22,9 +22,9 @@ class InputSets(Model):
     scale: Positive = Field(default=1.0, description="factor by which the input is multiplied (1 over its unit)")
     centres: _Centres = Field(
         default=(-1.0, 0.0, 1.0),
-        description="centre c of each set, ascending (1); inputs are limited to the range from the first to the last",
+        description="centre c of each fuzzy set, ascending (1); inputs are clipped to the range of the centres",
     )
-    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="width d of each set (1)")
+    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="width d of each fuzzy set (1)")
 
     @model_validator(mode="after")
     def _covered(self) -> "InputSets":
@@ -40,11 +40,11 @@ class InputSets(Model):
         return self
 
     def record(self) -> inference.Sets:
-        """Return the sets as a record for the systems of a network."""
+        """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        """Return centre and smallest width of each set. Neighbours in the list must overlap."""
+        """Return the centre and the smallest width of all sets, in an order in which each set must overlap the next."""
         return ends
 
 
@@ -55,12 +55,12 @@ class CircularInputSets(InputSets):
         default=1.0, description="factor by which the input is multiplied; it is also the period of the centres"
     )
     centres: _Centres = Field(
-        default=(0.0, 0.25, 0.5, 0.75), description="centre c of each set, ascending, within one period (1)"
+        default=(0.0, 0.25, 0.5, 0.75), description="centre c of each fuzzy set, ascending, within one period (1)"
     )
-    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="width d of each set (1)")
+    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="width d of each fuzzy set (1)")
 
     def record(self) -> inference.Sets:
-        """Return the sets as a record for the systems of a network."""
+        """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.CircularSets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:

@@ -27,11 +27,11 @@ class LearnedNetwork(Model):
     """Parameters that a network learned in a flight. `learned: FILE` reads a file written by `fly --save-network`."""
 
     kind: Literal["type_1", "type_2"] = Field(description="type of the network")
-    inputs: Annotated[tuple[InputName, ...], Field(strict=False)] = Field(description="inputs of its rules")
-    sets: Annotated[tuple[int, ...], Field(strict=False)] = Field(description="number of sets of each input")
-    x: LearnedAxis | None = Field(default=None, description="parameters on X")
-    y: LearnedAxis | None = Field(default=None, description="parameters on Y")
-    z: LearnedAxis | None = Field(default=None, description="parameters on Z")
+    inputs: Annotated[tuple[InputName, ...], Field(strict=False)] = Field(description="inputs of the network's rules")
+    sets: Annotated[tuple[int, ...], Field(strict=False)] = Field(description="number of fuzzy sets of each input")
+    x: LearnedAxis | None = Field(default=None, description="learned parameters on X")
+    y: LearnedAxis | None = Field(default=None, description="learned parameters on Y")
+    z: LearnedAxis | None = Field(default=None, description="learned parameters on Z")
 
     @property
     def axes(self) -> dict[Axis, LearnedAxis]:

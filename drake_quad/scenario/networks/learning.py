@@ -24,7 +24,7 @@ class _Learning(Model):
 
     @abstractmethod
     def law(self) -> Any:
-        """Return the law as a record of `drake_quad.control.fuzzy.laws`."""
+        """Return the law as a named tuple of `drake_quad.control.fuzzy.laws`."""
 
     def can_change_weights(self) -> bool:
         """Return whether any weight can become nonzero."""
@@ -94,7 +94,7 @@ class GradientLearning(_LearningFromEither):
 
 
 class SignLearning(_Learning):
-    """Learning law that uses only the sign of the PD command, with a growing rate of change of the correction."""
+    """Learning law that uses only the sign of the PD command. The rate of change of the correction grows with time."""
 
     kind: Literal["sign"]
     rate: Positive = Field(default=1.0, description="growth rate γ of the rate of change of the correction (1/s²)")

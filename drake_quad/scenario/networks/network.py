@@ -23,7 +23,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probab
 
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
-# Inputs of which a network can use the value after its lead time.
+# Inputs that a network can predict, so that it uses their values one lead time ahead.
 _PREDICTED_INPUTS: tuple[InputName, ...] = ("x", "y", "z", "phase")
 
 
@@ -33,7 +33,7 @@ class _Network(Model):
     kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="axes that have a network")
     inputs: NetworkInputs = Field(
-        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of its rules"
+        default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of the network's rules"
     )
     lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
@@ -84,7 +84,7 @@ class _Network(Model):
         )
 
     def recipes(self, period: float, plan: Plan) -> dict[str, Recipe]:
-        """Return the recipes for the systems of the network, by their paths in the diagram of the control.
+        """Return the recipes to build the systems of the network, by their paths in the diagram of the control.
 
         Args:
             period: period of the control, s.
@@ -125,7 +125,7 @@ class _Network(Model):
         return build_fuzzy_network(**{name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")})
 
     def _initial_antecedents(self, learned: tuple[LearnedAxis, ...]) -> tuple[Antecedents, ...]:
-        """Return the initial antecedents: one record for all axes, or one for each axis if they were learned."""
+        """Return the initial antecedents: equal ones for all axes, or those of each axis if they were learned."""
         sets = self.antecedents()
         if all(each.antecedents is None for each in learned):
             return (sets,)

@@ -19,8 +19,8 @@ class ObservationSettings(Model):
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
-        description="observed signals, in the order of their rows; the page of systems lists rows and units of each"
-        " signal",
+        description="observed signals, in the order of their components; the page Systems lists components and units of"
+        " each signal",
     )
     state_source: Literal["measurement", "state"] = Field(
         default="measurement",

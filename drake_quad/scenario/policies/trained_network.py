@@ -151,7 +151,7 @@ class TrainedNetwork(Model):
         return self
 
     def network(self) -> Network:
-        """Return the network as a record for the system that computes it."""
+        """Return the network as a parameter of the system that computes it."""
         return _network(self)
 
     def _array(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from drake_quad.scenario.unions import OpenUnion
 class PositionController(Model):
     """Control law from the position error to a commanded acceleration.
 
-    In a fleet scenario, values that a study draws are (N,) arrays.
+    In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         feed_forward: highest derivative of the reference that is fed forward.
@@ -29,7 +29,7 @@ class PositionController(Model):
     """
 
     kind: str
-    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
+    if TYPE_CHECKING:  # at runtime, this annotation would change the order of the fields of subclasses
         feed_forward: ClassVar[FeedForward]
     takes_correction: ClassVar[bool]
     estimates_disturbance: ClassVar[bool] = False
@@ -38,7 +38,7 @@ class PositionController(Model):
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for all systems of the controller, by path.
+        """Return the recipes to build all systems of the controller, by path.
 
         The path of a single system is `position`. The paths of several systems are `position.NAME`.
         """

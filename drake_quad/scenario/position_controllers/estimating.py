@@ -30,7 +30,7 @@ class ModelledResponse(Model):
 
     @abstractmethod
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
-        """Return the recipe for the estimator.
+        """Return the recipe to build the estimator.
 
         Args:
             laws: estimation law of each axis.
@@ -56,7 +56,7 @@ class CommandedResponse(ModelledResponse):
     )
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
-        """Return the recipe for a `DisturbanceEstimator`."""
+        """Return the recipe to build a `DisturbanceEstimator`."""
         fed_forward = self.lag if self.feed_forward_lag is None else self.feed_forward_lag
         lags = tuple([AxisCommand(*lags) for lags in zip(self.lag, fed_forward, strict=True)])
         parameters = EstimatorParameters(laws, lags, limit, _start(setting))
@@ -70,7 +70,7 @@ class TiltResponse(ModelledResponse):
     lag: Annotated[Span, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
-        """Return the recipe for a `TiltDisturbanceEstimator`."""
+        """Return the recipe to build a `TiltDisturbanceEstimator`."""
         parameters = TiltEstimatorParameters(laws, self.lag, setting.nominal.gravity, limit, _start(setting))
         return Recipe(TiltDisturbanceEstimator, self._structure(setting), parameters)
 
@@ -86,7 +86,7 @@ class EstimatingPosition(PdPosition):
 
     @abstractmethod
     def law(self, axis: int, period: float) -> Any:
-        """Return the estimation law of an axis, a record of `drake_quad.control.disturbance.laws`.
+        """Return the estimation law of an axis, a named tuple of `drake_quad.control.disturbance.laws`.
 
         Args:
             axis: 0, 1 or 2 for X, Y or Z.
@@ -100,7 +100,7 @@ class EstimatingPosition(PdPosition):
             yield InactiveSetting(f"{path}.response.feed_forward_lag", f"{path}.feed_forward is none")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the PD and the disturbance estimator."""
+        """Return the recipes to build the PD and the disturbance estimator."""
         limit: Any = self.disturbance_limit
         laws = tuple([self.law(axis, setting.tick) for axis in range(3)])
         return {**super().recipes(setting), "position.estimator": self.response.estimator(laws, limit, setting)}

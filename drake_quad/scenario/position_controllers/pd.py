@@ -35,7 +35,7 @@ class PdPosition(PositionController):
     takes_correction: ClassVar = True
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the PD controller. Subclasses add further recipes."""
+        """Return the recipe to build the PD controller. Subclasses add further recipes."""
         structure = {"derivative": self.derivative, "feeds_forward": self.feed_forward != "none"}
         gains = PdGains(PerAxis(*self.k_p), PerAxis(*self.k_d))
         return {"position.pd": Recipe(ProportionalDerivative, structure, gains)}

@@ -35,7 +35,7 @@ class PidPosition(PdPosition):
         return cls(kind="pid", **kept, k_i=(0.0, 0.0, 0.0))
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the PD controller and the integral."""
+        """Return the recipes to build the PD controller and the integral."""
         structure = {"period": setting.tick, "integration": self.integration}
         gains = IntegralGains(PerAxis(*self.k_i), self.integral_limit)
         return {**super().recipes(setting), "position.integral": Recipe(IntegralCorrection, structure, gains)}

@@ -20,7 +20,7 @@ class HoverRoute(MissionRoute):
     duration: FixedSpan = Field(default=10.0, description="duration of the hover (s)")
 
     def known_end_time(self) -> KnownEnd:
-        """Return the field that determines the duration, and the duration, s."""
+        """Return the name of the field that sets the duration, and the duration (s)."""
         return ("route", "duration"), self.duration
 
     def plan(self, space: Space | None) -> PlannedRoute:

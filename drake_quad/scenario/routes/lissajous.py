@@ -33,7 +33,7 @@ class LissajousRoute(MissionRoute):
     yaw: FixedDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
 
     def known_end_time(self) -> KnownEnd:
-        """Return the field that determines the duration, and the duration, s."""
+        """Return the name of the field that sets the duration, and the duration (s)."""
         return ("route", "laps"), self.laps * self.period
 
     def plan(self, space: Space | None) -> PlannedRoute:

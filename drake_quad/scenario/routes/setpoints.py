@@ -51,7 +51,7 @@ class SetpointsRoute(MissionRoute):
         return self
 
     def known_end_time(self) -> KnownEnd:
-        """Return the field that determines the duration, and the duration, s."""
+        """Return the name of the field that sets the duration, and the duration (s)."""
         return ("route", "last_hold"), self.setpoints[-1][0] + self.last_hold
 
     def plan(self, space: Space | None) -> PlannedRoute:

@@ -154,7 +154,7 @@ class TrajectoryRoute(MissionRoute):
         return self
 
     def known_end_time(self) -> KnownEnd:
-        """Return the field that determines the duration, and the duration, s."""
+        """Return the name of the field that sets the duration, and the duration (s)."""
         if self.pieces is not None:
             return ("route", "pieces"), self.time_scale * sum(piece.duration for piece in self.pieces)
         assert self.knots is not None

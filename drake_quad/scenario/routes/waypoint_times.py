@@ -29,7 +29,7 @@ class WaypointTimes(Model):
 
     @abstractmethod
     def timing(self) -> Timing:
-        """Return the method as a record of the planner."""
+        """Return the method in the form that the planner uses."""
 
 
 class FixedWaypointTimes(WaypointTimes):
@@ -59,7 +59,7 @@ class FixedWaypointTimes(WaypointTimes):
         return ("route", "times"), self.times[0] + laps * (self.times[-1] - self.times[0])
 
     def timing(self) -> Timing:
-        """Return the method as a record of the planner."""
+        """Return the method in the form that the planner uses."""
         return planner.FixedTimes(self.times)
 
 
@@ -70,7 +70,7 @@ class HeuristicTimes(WaypointTimes):
     kind: Literal["heuristic"]
 
     def timing(self) -> Timing:
-        """Return the method as a record of the planner."""
+        """Return the method in the form that the planner uses."""
         return planner.HeuristicTiming()
 
 
@@ -85,7 +85,7 @@ class MinimumSnapTimes(WaypointTimes):
         return ("route", "times", "duration"), self.duration
 
     def timing(self) -> Timing:
-        """Return the method as a record of the planner."""
+        """Return the method in the form that the planner uses."""
         return planner.MinimumSnapTiming(self.duration)
 
 
@@ -96,7 +96,7 @@ class MinimumTimes(WaypointTimes):
     kind: Literal["minimum_time"]
 
     def timing(self) -> Timing:
-        """Return the method as a record of the planner."""
+        """Return the method in the form that the planner uses."""
         return planner.MinimumTimeTiming()
 
 

@@ -65,11 +65,11 @@ class Waypoint(Model):
             specified_text = " and ".join(specified) or "none"
             raise validation_error(f"must have one of point, box and sphere, not {specified_text}")
         if self.stop and any(value is not None for value in (self.velocity, self.acceleration, self.jerk)):
-            raise validation_error("must not have stop together with a velocity, acceleration or jerk")
+            raise validation_error("must not have `stop` together with a velocity, acceleration or jerk")
         return self
 
     def region(self) -> Box | Sphere:
-        """Return the point or region as a record of the planner."""
+        """Return the point or region in the form that the planner uses."""
         if self.box is not None:
             return self.box.box()
         if self.sphere is not None:
@@ -130,7 +130,7 @@ class WaypointRoute(MovingRoute):
         if self.heading == "waypoints" and not has_yaws:
             raise self.field_error("requires a yaw at at least one waypoint", "heading")
         if self.heading != "waypoints" and has_yaws:
-            raise self.field_error("must be waypoints, since yaws are given at waypoints", "heading")
+            raise self.field_error("must be `waypoints`, since yaws are given at waypoints", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:

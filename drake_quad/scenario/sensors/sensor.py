@@ -2,7 +2,7 @@
 
 To add a sensor, extend `SensorSettings` and register the class with `SENSORS.register`. The readings then form a signal
 named after the kind. The laboratory has a port with this name. The signal is recorded, and a control may read it. If
-readings can be missing, their validity is a second signal, whose name ends with `_valid`.
+readings can be missing, a second signal tells whether the present reading is valid. Its name ends with `_valid`.
 """
 
 from abc import abstractmethod
@@ -23,10 +23,10 @@ _Member = TypeVar("_Member", bound=type[Model])
 
 
 class SensorSettings(AidingSensor, Model):
-    """Onboard sensor. In a fleet scenario, values that a study draws are (N,) arrays.
+    """Onboard sensor. In a fleet scenario, randomly drawn values are (N,) arrays.
 
-    An error that can be switched off is a field of the parameters' record `errors`. It is switched on by the setting of
-    the same name: a number or an item that differs from zero, or a mapping.
+    An error that can be switched off is a field of `errors` in the parameters. The scenario field of the same name
+    switches it on, if this field contains a mapping or a number that differs from zero.
 
     Attributes:
         law: measurement law of the sensor.
@@ -44,7 +44,7 @@ class SensorSettings(AidingSensor, Model):
 
     @property
     def can_miss(self) -> bool:
-        """True if readings can be missing, so that their validity is a signal."""
+        """True if readings can be missing, so that a signal tells whether they are valid."""
         return self.law.can_miss or self.fault is not None
 
     def in_hover(self) -> "SensorSettings":
@@ -66,7 +66,7 @@ class SensorSettings(AidingSensor, Model):
         """Return the parameters of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
 
     def recipe(self, fleet: Any, vehicle: Any) -> Recipe:
-        """Return the recipe for the sensors of a fleet.
+        """Return the recipe to build the sensors of a fleet.
 
         Args:
             fleet: sensor of a `Batch.fleet_scenario`.
@@ -92,7 +92,7 @@ class SensorSettings(AidingSensor, Model):
 
 
 class _SensorUnion(OpenUnion):
-    """Registry of sensors that also registers the readings of each sensor, and their validity, as signals."""
+    """Registry of sensors that also registers the readings of each sensor, and whether they are valid, as signals."""
 
     def register(self, model: _Member) -> _Member:
         """Register a sensor and its signal, as a decorator of the sensor class."""

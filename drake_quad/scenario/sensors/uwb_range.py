@@ -44,7 +44,7 @@ class UwbRangeSettings(SensorSettings):
     aids: ClassVar = AidingUse("anchor_distance", (("distance_noise",),))
 
     def parameters(self, vehicle: Any) -> UwbParameters:
-        """Return the parameters of the distance."""
+        """Return the parameters of the distance measurement."""
         errors = UwbErrors(Outliers.of(self.outlier_rate, self.outlier_size))
         position = relative_to_centre(self.position, vehicle)
         return record_like(UwbParameters, self, anchor=Anchor(*self.anchor), position=position, errors=errors)

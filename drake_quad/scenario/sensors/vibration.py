@@ -51,7 +51,7 @@ class VibrationSettings(Model):
         return self._with(FreeBody(vehicle.mass, vehicle.inertia).angular_acceleration, vehicle, period)
 
     def _with(self, response: Any, vehicle: Any, period: float) -> Vibration:
-        """Return the vibration for a function that returns the response to a force at a hub."""
+        """Return the vibration, given a function that returns the response of the sensor to a force at a rotor hub."""
         centre_x, centre_y = vehicle.centre_of_mass
         responses = []
         for rotor, unbalance in zip(rotors_of(vehicle), self.unbalance, strict=True):

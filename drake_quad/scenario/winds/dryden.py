@@ -49,7 +49,7 @@ class DrydenSource(WindSource):
         return None
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for a `DrydenTurbulence`."""
+        """Return the recipe to build a `DrydenTurbulence`."""
         mean = surroundings.steady_wind
         turbulence = Turbulence.at_low_altitude(
             height=self.height,

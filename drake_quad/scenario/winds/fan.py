@@ -62,10 +62,10 @@ class FanSource(WindSource):
         return self.model_copy(update={"turbulence": 0.0})
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the wind of this fan alone."""
+        """Return the recipe to build the wind of this fan alone."""
         return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod
     def recipes(cls, sources: Sequence[Any], surroundings: WindSurroundings) -> dict[str, Recipe]:
-        """Return the recipe for a single system that computes the wind of all fans."""
+        """Return the recipe to build a single system that computes the wind of all fans."""
         return {"fans": sources[0].recipe(surroundings)._replace(parameters=jets(sources))}

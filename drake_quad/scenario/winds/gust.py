@@ -29,7 +29,7 @@ class GustSource(BlowingSource):
     depends_on_time: ClassVar = True
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for a `Gust`."""
+        """Return the recipe to build a `Gust`."""
         hold_time = math.inf if self.hold_time is None else self.hold_time
         parameters = GustParameters(self.full_velocity(), self.start, self.rise_time, hold_time)
         return Recipe(Gust, {"period": surroundings.period}, parameters)

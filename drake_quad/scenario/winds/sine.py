@@ -21,6 +21,6 @@ class SineSource(BlowingSource):
     depends_on_time: ClassVar = True
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for a `SineWind`."""
+        """Return the recipe to build a `SineWind`."""
         parameters = SineParameters(self.full_velocity(), self.frequency, self.phase)
         return Recipe(SineWind, {"period": surroundings.period}, parameters)

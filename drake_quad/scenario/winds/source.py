@@ -33,7 +33,7 @@ class WindSurroundings(NamedTuple):
 
 
 class WindSource(Model):
-    """Wind source. In a fleet scenario, values that a study draws are (N,) arrays.
+    """Wind source. In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
         depends_on_position: True if the mean wind depends on the position.
@@ -62,11 +62,11 @@ class WindSource(Model):
 
     @abstractmethod
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the system that computes this wind."""
+        """Return the recipe to build the system that computes this wind."""
 
     @classmethod
     def recipes(cls, sources: Sequence["WindSource"], surroundings: WindSurroundings) -> dict[str, Recipe]:
-        """Return the recipes for all sources of this kind in a laboratory, by name.
+        """Return the recipes to build all sources of this kind in a laboratory, by name.
 
         The random numbers of a source depend on its name. The names number the sources within their kind, so adding a
         source of another kind does not change the turbulence.

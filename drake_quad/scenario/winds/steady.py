@@ -28,11 +28,11 @@ class SteadySource(BlowingSource):
         return 0.0
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the sum of all steady winds."""
+        """Return the recipe to build the sum of all steady winds."""
         return Recipe(SteadyWind, {}, surroundings.steady_wind)
 
     @classmethod
     def recipes(cls, sources: Sequence[WindSource], surroundings: WindSurroundings) -> dict[str, Recipe]:
-        """Return the recipe for one system that outputs the sum of all steady winds; empty if the sum is zero."""
+        """Return the recipe to build one system that outputs the sum of all steady winds; empty if the sum is zero."""
         blows = any(isinstance(part, np.ndarray) or part != 0.0 for part in surroundings.steady_wind)
         return {"steady": sources[0].recipe(surroundings)} if blows else {}

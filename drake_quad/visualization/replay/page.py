@@ -122,7 +122,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
 
 
 def _before_divergence(flight: Flight) -> Flight:
-    """Return the part of a flight until its state diverges, after which it is not finite."""
+    """Return the part of a flight before the first state that is NaN or infinite."""
     finite = np.isfinite(flight["state"]).all(axis=1)
     if finite.all():
         return flight

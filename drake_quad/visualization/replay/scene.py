@@ -16,7 +16,7 @@ from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, 
 from drake_quad.visualization.style import AXES
 
 # Margin of the room around the paths, relative to the distance from the vehicle's middle to its farthest rotor. The
-# margin is 0.7 m for the vehicle of the paper.
+# margin is 0.7 m for the vehicle of Kayacan and Maslim (2016).
 _MARGIN_RATIO = 4.0
 # Positions of the vehicle that are farther from the reference than this, m, do not enlarge the room.
 _MAX_DISTANCE_FROM_REFERENCE = 3.0
@@ -24,6 +24,7 @@ _MAX_DISTANCE_FROM_REFERENCE = 3.0
 _LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
 _NUM_GRID_LINES = 8
+# Intensities of the lights of a Meshcat scene.
 _LIGHT_INTENSITIES = {
     "AmbientLight": 2.2,
     "FillLight": 0.8,

@@ -19,10 +19,10 @@ from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
 # Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn in full size. The
-# value is the distance of the paper's vehicle. The parts of smaller vehicles are scaled down.
+# value is that of the vehicle of Kayacan and Maslim (2016). The parts of smaller vehicles are scaled down.
 _FULL_SIZE_ROTOR_DISTANCE = 0.17
-# Radius of an 8-inch propeller, m, as on the vehicle of the paper. Smaller propellers are drawn if rotors are close to
-# each other.
+# Radius of an 8-inch propeller, m, as on the vehicle of Kayacan and Maslim (2016). Smaller propellers are drawn if
+# rotors are close to each other.
 _MAX_PROPELLER_RADIUS = 0.1
 _ARM_SECTION = (0.022, 0.014)  # m, width and height
 _BLADE_SECTION = (0.018, 0.004)  # m, width and height
@@ -111,7 +111,7 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
         path: path of the piece in the scene.
         points: points along the piece, (n, 3), m.
         shades: colour of the piece, or position errors (n,) relative to the error at the upper end of the colour map.
-        size: scale of the vehicle, from `shrunk`.
+        size: scale of the vehicle, from `part_scale`.
     """
     vertices, faces = tube(points, size * _TRAIL_RADIUS)
     if isinstance(shades, str):
@@ -213,7 +213,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
     lengths = np.linspace(0.0, length, 9)
     x, y, z = _surface_of_revolution(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
-    # A jet that writes depth and is drawn first would hide the trails inside and behind the jet.
+    # If the jet wrote to the depth buffer, it would hide trails inside and behind it that are drawn later.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 

@@ -39,11 +39,11 @@ class QuadrotorVisualizer(LeafSystem):
 
     All input ports except `state` may be left unconnected:
 
-    - `state` (12 rows): position in m and attitude in rad; the velocities are not used.
-    - `rotor_speed` (4 rows): rotor speeds in rad/s. The drawn rotors turn ten times slower, so that their motion is
-      visible.
-    - `reference` (11 rows): reference, whose position in m is drawn as a point.
-    - `wind` (3 rows): velocity of the air in m/s, which is drawn as an arrow above the vehicle.
+    - `state` (12 components): position in m and attitude in rad; the velocities are not used.
+    - `rotor_speed` (4 components): rotor speeds in rad/s. The drawn rotors turn ten times slower, so that their motion
+      is visible.
+    - `reference` (11 components): reference, whose position in m is drawn as a point.
+    - `wind` (3 components): velocity of the air in m/s, which is drawn as an arrow above the vehicle.
 
     Args:
         meshcat: server that shows the scene.
@@ -171,6 +171,6 @@ class QuadrotorVisualizer(LeafSystem):
         self._last_time, self._trail, self._num_pieces = -np.inf, [], 0
 
     def _signal_value(self, name: str, context: Context) -> Any:
-        """Return the value of an input port as a tuple of named rows; None if the port is not connected."""
+        """Return the value of an input port as a named tuple; None if the port is not connected."""
         port = self.GetInputPort(name)
         return SIGNALS[name](*port.Eval(context)) if port.HasValue(context) else None

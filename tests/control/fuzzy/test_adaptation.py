@@ -36,7 +36,7 @@ SETS_OF_INPUTS = (
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
     CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
-INITIAL_ANTECEDENTS = Antecedents(1.4, 0.6, 0.3, SETS_OF_INPUTS)
+INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=SETS_OF_INPUTS)
 
 
 def with_change(antecedents, index, change):
@@ -49,7 +49,7 @@ def with_change(antecedents, index, change):
 
 @pytest.mark.parametrize("a1", [1.0, 1.4])
 def test_the_output_gradient_matches_central_differences(a1):
-    """Derivatives agree with central differences, except with respect to the scales, which never learn."""
+    """The derivatives with respect to the scales are zero by definition, because the scales never learn."""
     rng = np.random.default_rng(7)
     start = INITIAL_ANTECEDENTS._replace(a1=a1)
     layout = layout_of(Antecedents, start)
@@ -188,7 +188,7 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
 
 @pytest.mark.long
 def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
-    """The network has few rules. The error with adaptive sets may be at most 2 % larger than with constant sets."""
+    """For this network of few rules, the error with adaptive sets may be at most 2 % larger than with constant sets."""
     own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
     plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"

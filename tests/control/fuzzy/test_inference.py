@@ -104,7 +104,7 @@ def test_memberships_are_zero_outside_the_sets():
     st.floats(-50.0, 50.0),
 )
 def test_firing_strengths_are_not_negative_and_sum_to_one(a1, a2, q, error_sets, rate_sets, error, rate):
-    """This holds for any inputs. A fleet has the firing strengths of its vehicles."""
+    """This holds for any inputs. Firing strengths that are computed for a fleet equal those of each vehicle alone."""
     antecedents = Antecedents(a1, a2, q, (error_sets, rate_sets))
     firing = firing_strengths((error, rate), antecedents)
     assert min(firing) >= 0.0
@@ -153,7 +153,7 @@ def test_each_vehicle_of_a_fleet_may_have_its_own_network():
 
 @pytest.mark.parametrize("value", [-0.3, 0.0, 0.31, 0.9, 0.97, 1.0, 4.2])
 def test_circular_sets_use_the_shorter_distance_around_the_circle(value):
-    """Firing strengths depend on the angle between directions in the plane. 0 and 1 are the same point."""
+    """The inputs 0 and 1 are the same point of the circle. Expected distances are angles between directions."""
     scale, centres, widths, a1, a2, q = 2.5, (0.2, 1.1, 2.3), (1.4, 1.1, 1.3), 1.3, 0.7, 0.4
     directions = np.exp(2j * np.pi * np.array([value, *np.array(centres) / scale]))
     u = np.abs(np.angle(directions[1:] / directions[0])) * scale / (2.0 * np.pi) / widths

@@ -21,7 +21,7 @@ SIGNALS = {
 }
 
 
-def test_rule_inputs_are_axis_signals_coordinates_or_the_phase():
+def test_inputs_of_rules_are_signals_on_the_network_axis_or_coordinates_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert input_signals(inputs) == ("error", "error_rate", "measurement", "disturbance")
     for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):

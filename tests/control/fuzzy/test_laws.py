@@ -207,7 +207,7 @@ def test_the_gradient_law_has_a_constant_covariance():
     np.testing.assert_allclose(learner.weights, -TICK * 2.5 * firing * surface)
 
 
-def test_the_sign_law_changes_the_correction_at_the_rate_of_its_slope():
+def test_under_the_sign_law_the_correction_changes_at_the_rate_alpha():
     rng = np.random.default_rng(4)
     law = SignLaw(rate=0.5, initial_slope=0.2)
     command = np.array([0.3, -0.4, 0.0])

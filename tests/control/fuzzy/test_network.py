@@ -63,7 +63,12 @@ def smooth_inputs(rng, num_vehicles):
     }
 
 
-LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.0), SignLaw(0.5, 0.1)]
+LAWS = [
+    CovarianceLaw(gain=0.8, initial_covariance=30.0),
+    CovarianceLaw(gain=0.8, initial_covariance=30.0, forgetting=0.99),
+    GradientLaw(3.0),
+    SignLaw(rate=0.5, initial_slope=0.1),
+]
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -106,7 +111,7 @@ def test_the_network_diagram_matches_the_learning_equations(law, axes, learns_fr
 
 
 def test_each_vehicle_of_a_fleet_learns_like_a_single_vehicle():
-    """Each vehicle has its own network. The fleet is so large that its sums are in a different order."""
+    """Each vehicle of the fleet has its own network, with its own parameters and inputs."""
     rng = np.random.default_rng(4)
     n = 40
     inputs = smooth_inputs(rng, n)
@@ -140,7 +145,7 @@ def test_a_covariance_reset_acts_at_the_first_tick_at_or_after_its_time(reset_ti
     inputs, law = smooth_inputs(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
     learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), parameters=LearningParameters(law=law))
     network = build_fuzzy_network(rules=FuzzyRules(axes=("x", "z")), learning=learning)
-    # The learning of the last of these ticks is still pending.
+    # The simulator has not yet processed the learning step of the last tick.
     simulator, _ = simulated(network, inputs, tick + 1)
     port = simulator.get_system().GetSubsystemByName("network").GetOutputPort("covariance_trace")
     context = network.GetMyContextFromRoot(simulator.get_context())
@@ -177,7 +182,7 @@ def test_reversing_the_sign_in_eq_14_increases_the_error():
 @pytest.mark.long
 @pytest.mark.parametrize("laboratory", ["nominal", "low_wind"])
 def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, laboratory):
-    """The error falls by 43 % in at least 95 of 100 samples, and none crashes."""
+    """The network reduces the error by at least 43 % in at least 95 of 100 samples, and no sample crashes."""
     pd, network = (
         fly_samples(scenario_with(controller, laboratory=laboratory), range(100)) for controller in ("pd", "pd_t2fnn")
     )

@@ -19,8 +19,13 @@ from drake_quad.control.lqg.chains import (
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "controllers_lqg.md"
 ROTOR_LAG = 0.043  # s
-AUTOPILOT_RESPONSE = SecondOrderResponse(9.1, 0.72)
-LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.31, 2.3), ChainNoise(0.27, 0.6), ChainNoise(4.1, 1.7), 0.0)
+AUTOPILOT_RESPONSE = SecondOrderResponse(natural_frequency=9.1, damping=0.72)
+LATERAL_DISTURBANCES = Disturbances(
+    first=ChainNoise(deviation=0.31, time=2.3),
+    second=ChainNoise(deviation=0.27, time=0.6),
+    bias=ChainNoise(deviation=4.1, time=1.7),
+    command_noise=0.0,
+)
 VERTICAL_DISTURBANCES = LATERAL_DISTURBANCES._replace(bias=None)
 MODELS = {
     "torques": torque_model(ROTOR_LAG, LATERAL_DISTURBANCES),
@@ -28,10 +33,12 @@ MODELS = {
     "autopilot and `lag`": lagging_attitude_model(AUTOPILOT_RESPONSE, ROTOR_LAG, LATERAL_DISTURBANCES),
     "height": vertical_model(ROTOR_LAG, VERTICAL_DISTURBANCES),
 }
+# Field of a chain for each symbol in the page's equations.
 FIELD_NAMES = {
     "p": "position", "v": "velocity", "s": "thrust", "j": "jerk", "a": "snap",
     "d_1": "first", "d_2": "second", "e": "second_rate", "δ": "bias",
 }  # fmt: skip
+# Values of the constants in the page's equations.
 SYMBOL_VALUES = {
     "T": ROTOR_LAG, "ω": AUTOPILOT_RESPONSE.natural_frequency, "ζ": AUTOPILOT_RESPONSE.damping,
     "T_1": LATERAL_DISTURBANCES.first.time, "T_2": LATERAL_DISTURBANCES.second.time,
@@ -76,7 +83,7 @@ def test_chain_models_match_the_equations_on_the_documentation_page(chain):
         assert disturbed == (model.Q[row, row] > 0.0), state
 
 
-def test_disturbances_have_their_deviations_and_the_second_one_is_critically_damped():
+def test_disturbances_have_the_given_deviations_and_second_order_ones_are_critically_damped():
     model = MODELS["torques"]
     indices = [model.kind._fields.index(name) for name in ("first", "second", "second_rate", "bias")]
     block = np.ix_(indices, indices)

@@ -22,11 +22,16 @@ from drake_quad.control.lqg.design import (
     regulator_gain,
 )
 
-DISTURBANCES = Disturbances(ChainNoise(0.3, 0.25), ChainNoise(0.8, 0.6), ChainNoise(12.0, 20.0), 2.0)
+DISTURBANCES = Disturbances(
+    first=ChainNoise(deviation=0.3, time=0.25),
+    second=ChainNoise(deviation=0.8, time=0.6),
+    bias=ChainNoise(deviation=12.0, time=20.0),
+    command_noise=2.0,
+)
 VERTICAL_DISTURBANCES = DISTURBANCES._replace(bias=None)
 MODELS = {
     "torque": torque_model(0.04, DISTURBANCES),
-    "attitude": attitude_model(SecondOrderResponse(9.0, 0.6), DISTURBANCES),
+    "attitude": attitude_model(SecondOrderResponse(natural_frequency=9.0, damping=0.6), DISTURBANCES),
     "vertical": vertical_model(0.07, VERTICAL_DISTURBANCES),
 }
 for_each_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
@@ -139,7 +144,7 @@ def test_the_outer_gain_divides_the_position_gain_in_equilibrium():
 
 
 def test_the_shipped_design_gives_the_recorded_gains():
-    """The gains of the search were recorded with four digits."""
+    """The gains that the search found were recorded with four digits."""
     lateral = torque_model(
         0.05, Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
     )

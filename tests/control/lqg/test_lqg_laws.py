@@ -32,8 +32,12 @@ H = 0.01  # s, camera frame
 TICK = 0.02  # s, control tick
 LAST_VERTICAL_THRUST = 8.9  # m/s², vertical specific thrust of the last command
 RNG = np.random.default_rng(5)
-MEASUREMENT = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-REFERENCE = Reference(0.35, -0.5, 1.2, 0.2, 0.3, -0.1, 0.4, -0.6, 0.5, 0.7, 0.2)
+MEASUREMENT = State(
+    x=0.31, y=-0.42, z=1.13, roll=0.11, pitch=-0.17, yaw=0.4, v_x=0.5, v_y=0.6, v_z=0.7, p=0.8, q=0.9, r=1.0
+)
+REFERENCE = Reference(
+    x=0.35, y=-0.5, z=1.2, v_x=0.2, v_y=0.3, v_z=-0.1, a_x=0.4, a_y=-0.6, a_z=0.5, yaw=0.7, yaw_rate=0.2
+)
 JERK = Jerk(0.3, -0.5, 0.7)
 SNAP = Snap(1.1, -1.7, 0.9, 0.6)
 
@@ -184,7 +188,7 @@ def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
 
 
 def test_commands_stay_within_the_tilt_thrust_and_snap_limits():
-    """The horizontal part is shortened in its own direction. Deviations are computed from the limited command."""
+    """A limited horizontal command keeps its direction. Deviations are computed from the limited command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulator_output(
         running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, TARGET_LQG, TICK
@@ -223,7 +227,7 @@ def test_the_queue_of_sent_commands_advances_at_each_tick():
 
 
 def vehicle_on_path(kind):
-    """Return the demand of the path, the measurement and the estimate of a vehicle on its path, by flatness."""
+    """Return the rotor demand, the measurement and the estimate of a vehicle that flies exactly on its path."""
     parameters = QuadrotorParameters()._replace(mass=0.68, gravity=9.81, inertia=Inertia(0.01, 0.01, 0.01))
     demand = rotor_demand(REFERENCE, JERK, SNAP, parameters)
     measured = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
@@ -274,7 +278,7 @@ def test_the_vertical_thrust_compensates_the_estimated_disturbance():
     output = regulator_output(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     disturbance = estimate.z.first + estimate.z.second
     assert output.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - disturbance)
-    # The value stays within the limits of the thrust, so no division by zero occurs.
+    # The vertical specific thrust does not fall below its lower limit, so no division by zero occurs.
     falling = REFERENCE._replace(a_z=-50.0)
     limited = regulator_output(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert limited.upward == pytest.approx(2.0 / 0.68)

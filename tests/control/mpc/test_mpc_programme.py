@@ -1,4 +1,4 @@
-"""Tests of the quadratic programmes of model predictive control, by the same problems in explicit states."""
+"""Tests of the programmes of model predictive control, against problems that simulate the states tick by tick."""
 
 import numpy as np
 import pytest
@@ -34,13 +34,22 @@ NUM_INSTANTS = 12  # times in the preview
 HORIZON_START = 3  # index of the preview time at which the horizon begins
 COMMAND_WEIGHTS = {"lateral": 2e-6, "vertical": 3e-4}  # weights of the squared commands
 AUTOPILOT_COMMAND_WEIGHT = 2e-3
-THRUST_PARAMETERS = ThrustParameters(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
-TORQUE_PARAMETERS = TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
+THRUST_PARAMETERS = ThrustParameters(
+    mass=0.7, gravity=9.8, tan_max_tilt=np.tan(0.1), min_thrust=4.0, max_thrust=7.2, lead=0.07
+)
+TORQUE_PARAMETERS = TorqueParameters(
+    i_xx=0.0065, i_yy=0.0085, i_zz=0.0126, yaw_k_p=5.0, yaw_k_d=3.1, max_snap=40.0, lead=0.05
+)
 TARGET_PARAMETERS = TargetParameters(0.2, 0.03)
-MODELLED_DISTURBANCES = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
+MODELLED_DISTURBANCES = Disturbances(
+    first=ChainNoise(deviation=0.5, time=20.0),
+    second=ChainNoise(deviation=1.2, time=0.7),
+    bias=ChainNoise(deviation=1.0, time=20.0),
+    command_noise=2.0,
+)
 MODELS = {
     "torques": torque_model(0.045, MODELLED_DISTURBANCES),
-    "attitude": attitude_model(SecondOrderResponse(8.5, 0.7), MODELLED_DISTURBANCES),
+    "attitude": attitude_model(SecondOrderResponse(natural_frequency=8.5, damping=0.7), MODELLED_DISTURBANCES),
     "height": vertical_model(0.04, MODELLED_DISTURBANCES._replace(bias=None)),
 }
 CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), follows_reference=False, weight=25.0)
@@ -49,7 +58,7 @@ CORRECTION = np.array([0.1, -0.2, 0.15])  # m/s²
 
 
 def horizon_of(kind, corridor=CORRIDOR):
-    """Return a horizon whose preview has different values in every row."""
+    """Return a horizon whose preview has different values in every component."""
     rng = np.random.default_rng(4)
     sizes = [0.15, 0.2, 0.1, *[0.5] * 3, 0.6, 0.5, 0.8, 0.1, 0.1], [1.0] * 3, [25.0] * 4, [25.0] * 4
     parts = [rng.normal(size=(len(size), NUM_INSTANTS)) * np.array(size)[:, None] for size in sizes]

@@ -20,8 +20,15 @@ from drake_quad.control.policy.actions import (
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import BodyRates, Reference, State, Wrench
 
-THRUST_RANGE = ThrustRange(2.0, 12.0)
-RATES_SCALE = RatesScale(THRUST_RANGE, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.006, 0.007, 0.011)
+THRUST_RANGE = ThrustRange(min_thrust=2.0, max_thrust=12.0)
+RATES_SCALE = RatesScale(
+    thrust=THRUST_RANGE,
+    rates=BodyRates(5.0, 4.0, 2.0),
+    gains=PerAngle(10.0, 9.0, 3.0),
+    i_xx=0.006,
+    i_yy=0.007,
+    i_zz=0.011,
+)
 REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
 SATURATED_ACTIONS = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
 

@@ -16,8 +16,10 @@ from drake_quad.control.policy.observation import (
 )
 from drake_quad.signals import Reference, RotorSpeed, State, Wind
 
-STATE = State(0.3, -0.2, 1.1, 0.4, -0.3, 0.7, 0.5, 0.6, -0.4, 1.1, -1.2, 1.3)
-REFERENCE = Reference(0.5, 0.1, 1.4, 0.2, -0.1, 0.3, 0.11, 0.12, 0.13, 0.9, 0.05)
+STATE = State(x=0.3, y=-0.2, z=1.1, roll=0.4, pitch=-0.3, yaw=0.7, v_x=0.5, v_y=0.6, v_z=-0.4, p=1.1, q=-1.2, r=1.3)
+REFERENCE = Reference(
+    x=0.5, y=0.1, z=1.4, v_x=0.2, v_y=-0.1, v_z=0.3, a_x=0.11, a_y=0.12, a_z=0.13, yaw=0.9, yaw_rate=0.05
+)
 REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)  # m, two future reference positions
 ROTOR_SPEEDS = RotorSpeed(100.0, 110.0, 120.0, 130.0)
 WIND = Wind(1.0, 2.0, -3.0)

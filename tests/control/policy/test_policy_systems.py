@@ -24,7 +24,7 @@ def network_of(inputs, outputs, seed=0):
 
 
 def changing_source(rows, seed):
-    """Return a source of rows that change with time."""
+    """Return a vector source whose elements change with time."""
     rng = np.random.default_rng(seed)
     return TrajectorySource(PiecewisePolynomial.FirstOrderHold([0.0, 10.0], rng.normal(size=(rows, 2))))
 

@@ -43,7 +43,7 @@ def readings(num_readings, num_vehicles=1, seed=None, rates=None, **settings):
 
 
 def assert_allan_variance(measurements, num_samples, expected):
-    """Assert that the Allan variance for averages of so many samples is within four standard errors of its expectation.
+    """Assert that Allan variances are within four standard errors of their expectations.
 
     Args:
         measurements: (T, 3, N) readings, whose 3 N series are independent.
@@ -58,7 +58,7 @@ def assert_allan_variance(measurements, num_samples, expected):
         assert error < 0.06 * expected(m)
 
 
-def test_the_allan_deviation_of_white_noise_is_the_noise_density_over_the_root_of_time():
+def test_the_allan_deviation_of_white_noise_is_the_noise_density_divided_by_the_root_of_time():
     density, period = 2.4e-4, 0.0025
     measurements = readings(2048, 200, seed=0, noise_density=density, period=period)
     assert_allan_variance(measurements, (1, 4, 32, 128), lambda m: density**2 / (m * period))
@@ -140,7 +140,7 @@ def test_the_bias_changes_linearly_while_the_sensor_warms_up():
     np.testing.assert_allclose(rows, np.outer(fraction, [1e-2, -2e-2, 0.0]), atol=1e-12)
 
 
-def test_data_sheets_in_units_of_g_and_degrees_are_questioned():
+def test_values_of_data_sheets_in_g_or_degrees_are_reported_as_implausible():
     for settings, field in (
         (AccelerometerSettings, {"kind": "accelerometer", "full_scale": 16.0}),
         (GyroscopeSettings, {"kind": "gyroscope", "full_scale": 2000.0}),

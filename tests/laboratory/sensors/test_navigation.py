@@ -49,7 +49,7 @@ def moving(seed):
     ],
 )
 def test_readings_have_white_noise_of_the_given_deviation(kind, settings, deviation):
-    """Readings, rows and vehicles are independent. Limits are four standard errors."""
+    """Noise is independent between readings, components and vehicles. The tolerances are four standard errors."""
     law = SENSORS.get(kind).law
     signals = HOVER, *[None] * len(law.errors_that_read)
     readings = series(law, parameters_of(kind, **settings), lambda k: signals, 50, 400, seed=8)
@@ -74,7 +74,7 @@ def test_the_magnetometer_yields_the_heading_for_any_tilt_and_declination():
 
 
 def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
-    """The readings lie on an ellipsoid around the hard-iron error. Motors add a vector times the sum of torques."""
+    """Readings lie on an ellipsoid around the hard-iron error. Motors add a vector times the sum of rotor torques."""
     iron = [0.1, -0.05, 0.02, 0.03, -0.04, 0.06]
     hard = np.array([1e-5, -2e-5, 3e-5])
     parameters = parameters_of("magnetometer", soft_iron=iron, hard_iron=[*hard], motor_interference=[1e-4, 0.0, 2e-4])
@@ -88,7 +88,7 @@ def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
         assert np.linalg.norm(np.linalg.solve(matrix, field)) == pytest.approx(5e-5, rel=1e-12)
 
 
-def test_the_drift_of_a_position_has_the_autocorrelation_of_its_correlation_time():
+def test_the_autocorrelation_of_the_position_drift_decays_with_the_given_correlation_time():
     deviations = np.array([1.0, 1.2, 2.0])
     parameters = parameters_of("gnss", position_drift=[*deviations], drift_time=2.0, period=0.1)
     errors = series(GNSS, parameters, lambda k: (HOVER,), 60, 3000, seed=0)[:, :3] - [[0.0], [0.0], [1.5]]
@@ -123,14 +123,14 @@ def test_the_antenna_moves_with_the_vehicle():
     np.testing.assert_allclose(fix[3:], np.array(state[6:9]) + speed, atol=1e-8)
 
 
-def test_the_noise_of_satellite_navigation_has_the_deviation_of_each_row():
+def test_the_noise_of_satellite_navigation_has_the_deviation_of_each_component():
     parameters = parameters_of("gnss", position_noise=[0.5, 0.6, 0.9], velocity_noise=[0.05, 0.06, 0.09])
     readings = series(GNSS, parameters, lambda k: (HOVER,), 50, 400, seed=2)
     np.testing.assert_allclose(readings.std(axis=(0, 2)), [0.5, 0.6, 0.9, 0.05, 0.06, 0.09], rtol=0.03)
 
 
 def test_the_barometer_reads_low_in_wind_and_at_the_ground():
-    """A pressure error of half of the dynamic pressure at 10 m/s lowers the height by 0.5 v² / 2g = 2.55 m."""
+    """A pressure error of half of the dynamic pressure at 10 m/s lowers the reading by 0.5 v² / 2g = 2.55 m."""
     memory = BAROMETER.memory.start(parameters_of("barometer"), None, HOVER, None)
     windy = parameters_of("barometer", dynamic_pressure=0.5)
     state = HOVER._replace(v_x=6.0)
@@ -168,7 +168,7 @@ def test_the_range_finder_measures_along_the_axis_of_the_body():
     assert not inverted
 
 
-def test_optical_flow_is_the_velocity_over_the_height():
+def test_optical_flow_is_the_velocity_divided_by_the_height():
     parameters = parameters_of("optical_flow", max_flow=2.0)
     flow, valid = OPTICAL_FLOW.formula(parameters, None, HOVER._replace(v_x=0.6, v_y=-0.3))
     np.testing.assert_allclose(flow, [0.4, -0.2], rtol=1e-12)
@@ -179,8 +179,8 @@ def test_optical_flow_is_the_velocity_over_the_height():
     assert not OPTICAL_FLOW.formula(parameters, None, HOVER._replace(z=-1.0)).valid
 
 
-def test_a_vehicle_that_turns_in_place_has_the_flow_of_the_lever_arm():
-    """A camera in front of the axis moves sideways at r times its distance. A camera on the axis sees no flow."""
+def test_a_camera_on_a_lever_arm_measures_flow_if_the_vehicle_turns_in_place():
+    """A camera in front of the yaw axis moves sideways at the yaw rate times its distance, one on the axis does not."""
     turning = HOVER._replace(r=0.8, yaw=2.0)
     (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning)
     np.testing.assert_allclose([x, y], [0.0, 0.3 * 0.8 / 1.5], atol=1e-12)
@@ -188,8 +188,8 @@ def test_a_vehicle_that_turns_in_place_has_the_flow_of_the_lever_arm():
     assert (x, y) == (0.0, 0.0)
 
 
-def test_optical_flow_is_the_motion_of_the_point_below_in_the_image():
-    """The point of the ground on the axis of the camera moves in the axes of the body by finite differences."""
+def test_optical_flow_is_the_motion_of_a_point_of_the_ground_in_the_image():
+    """The expected motion of the point of the ground on the axis of the camera is computed by finite differences."""
     state, step = moving(7), 1e-6
     flow, _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, state)
     down = rotation(state).apply([0.0, 0.0, -1.0])
@@ -220,8 +220,8 @@ def test_ranges_to_four_anchors_yield_the_position_of_the_antenna():
     assert not UWB_RANGE.formula(parameters_of("uwb_range", max_distance=1.0), None, state).valid
 
 
-def test_outliers_of_a_range_are_too_long_and_have_their_probability():
-    """The mean of an outlier is √(2/π) of its size. Other readings are exact."""
+def test_outliers_of_a_range_are_too_long_and_have_the_given_probability():
+    """The mean of an outlier is √(2/π) times its standard deviation. Other readings are exact."""
     parameters = parameters_of("uwb_range", outlier_rate=0.05, outlier_size=0.6)
     errors = series(UWB_RANGE, parameters, lambda k: (HOVER,), 20, 2000, seed=5) - 1.5
     share, n = np.mean(errors > 0.0), errors.size

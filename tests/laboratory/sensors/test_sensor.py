@@ -1,4 +1,4 @@
-"""Tests of faults, missing readings, latency and memory of any sensor."""
+"""Tests of faults, missing readings, latency and internal states of sensors."""
 
 from typing import Annotated, NamedTuple
 
@@ -51,7 +51,8 @@ class Count(NamedTuple):
 
 
 CLOCK = SensorLaw(Clock, lambda parameters, noise, state: Clock(state.x), ("state",))
-HALF_CLOCK = SensorLaw(
+# This clock misses all readings before 0.45 s.
+LATE_CLOCK = SensorLaw(
     Clock, lambda parameters, noise, state: Sample(Clock(state.x), state.x > 0.45), ("state",), can_miss=True
 )
 COUNTER = SensorLaw(
@@ -73,7 +74,7 @@ def clock_signals():
 
 
 def flown(sensor, duration=1.0, num_vehicles=1):
-    """Return the outputs of a sensor just before its readings 1, 2, ..., as (T, rows) arrays by port name."""
+    """Return the outputs of a sensor just before its readings 1, 2, ..., as (T, components) arrays by port name."""
     builder = DiagramBuilder()
     state = np.zeros((12 * num_vehicles, 2))
     state[:num_vehicles, 1] = 10.0
@@ -122,7 +123,7 @@ def test_a_frozen_sensor_repeats_its_last_reading_as_if_it_were_new():
         ({"kind": "dropout", "probability": 0.3}, DROPOUT, SensorFault(0.0, np.inf, 0.3)),
     ],
 )
-def test_a_fault_of_a_scenario_has_its_effect_interval_and_probability(settings, kind, fault):
+def test_a_fault_in_a_scenario_has_the_given_kind_interval_and_probability(settings, kind, fault):
     sensor = GyroscopeSettings.model_validate({"kind": "gyroscope", "fault": settings})
     recipe = sensor.recipe(sensor, load_scenario("hover").vehicle)
     assert recipe.structure["fault"] == kind
@@ -137,8 +138,8 @@ def test_the_validity_of_a_reading_arrives_together_with_the_reading():
 
 
 def test_a_sensor_that_has_no_first_reading_outputs_zero():
-    """The clock has the reading 0 at time 0, so the time is shifted by a law that misses the first readings."""
-    shifted = HALF_CLOCK._replace(formula=lambda _, noise, state: Sample(Clock(state.x + 7.0), state.x > 0.45))
+    """The clocks in this test add 7 s to the time, so that a reading of zero can only be a missing reading."""
+    shifted = LATE_CLOCK._replace(formula=lambda _, noise, state: Sample(Clock(state.x + 7.0), state.x > 0.45))
     flight = flown(clock(shifted))
     np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [7.5, 7.6, 7.7, 7.8, 7.9], atol=1e-12)
     np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0] * 5 + [1] * 5)
@@ -150,20 +151,20 @@ def test_a_sensor_that_has_no_first_reading_outputs_zero():
     np.testing.assert_allclose(flight["clock"], 7.0)
 
 
-def test_a_reading_that_a_law_misses_is_not_valid_when_the_sensor_is_frozen():
-    flight = flown(clock(HALF_CLOCK, FROZEN, SensorFault(0.65, np.inf, 1.0)))
+def test_a_missing_reading_of_a_frozen_sensor_is_not_valid():
+    flight = flown(clock(LATE_CLOCK, FROZEN, SensorFault(0.65, np.inf, 1.0)))
     np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [0.5] + [0.6] * 4, atol=1e-12)
     np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0] * 5 + [1] * 5)
 
 
-def test_a_reading_is_missing_if_either_the_law_or_a_fault_misses_it():
-    flight = flown(clock(HALF_CLOCK, FAILED, SensorFault(0.65, 0.85, 1.0)))
+def test_a_reading_can_be_missing_because_of_the_sensor_itself_or_because_of_a_fault():
+    flight = flown(clock(LATE_CLOCK, FAILED, SensorFault(0.65, 0.85, 1.0)))
     np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [0.5, 0.6, 0.6, 0.6, 0.9], atol=1e-12)
     np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0, 0, 0, 0, 0, 1, 1, 0, 0, 1])
 
 
-def test_readings_drop_out_with_their_probability_from_the_start_of_the_fault():
-    """Each vehicle loses other readings. A lost reading repeats the previous one."""
+def test_readings_drop_out_with_the_given_probability_from_the_start_of_the_fault():
+    """Different vehicles lose different readings. A lost reading repeats the previous one."""
     rate, vehicles = np.array([0.2] * 40 + [0.5] * 40), 80
     flight = flown(clock(kind=DROPOUT, fault=SensorFault(2.0, np.inf, rate), num_vehicles=vehicles), 10.0, vehicles)
     valid, readings = flight["clock_valid"], flight["clock"]
@@ -175,15 +176,15 @@ def test_readings_drop_out_with_their_probability_from_the_start_of_the_fault():
     np.testing.assert_array_equal(np.diff(readings, axis=0) > 0.0, valid[1:] == 1.0)
 
 
-def test_the_memory_advances_once_for_each_reading():
+def test_the_internal_state_advances_once_for_each_reading():
     np.testing.assert_array_equal(flown(clock(COUNTER))["clock"][:, 0], np.arange(1.0, 11.0))
-    # Missing readings do not stop the memory.
+    # The internal state also advances when a reading is missing.
     flight = flown(clock(COUNTER, FAILED, SensorFault(0.25, 0.55, 1.0)))
     np.testing.assert_array_equal(flight["clock"][:, 0], [1, 2, 3, 3, 3, 3, 7, 8, 9, 10])
 
 
-def test_the_drift_of_a_fleet_in_a_simulator_is_stationary_and_independent():
-    """The first reading and the following ones have the same deviation, and the correlation of the process."""
+def test_the_drift_is_stationary_and_independent_between_the_vehicles_of_a_fleet():
+    """All readings have the same standard deviation, and successive readings have the given correlation."""
     vehicles = 2000
     errors = GnssErrors(PositionDrift(PositionDeviation(2.0, 2.0, 3.0), Correlation.of(0.5, PERIOD)))
     sensor = Sensor(

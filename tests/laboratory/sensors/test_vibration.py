@@ -62,8 +62,8 @@ def amplitudes(signal):
 
 
 @pytest.mark.parametrize(("bandwidth", "rate"), [(None, 400), (600.0, 400), (None, 2048)])
-def test_vibration_has_its_lines_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth, rate):
-    """One rotor turns at 180 Hz, so at 400 Hz its second harmonic, 360 Hz, appears at 40 Hz. A filter acts before."""
+def test_vibration_appears_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth, rate):
+    """One rotor turns at 180 Hz. After sampling at 400 Hz, its second harmonic appears at 40 Hz, filtered as 360 Hz."""
     frequency = 180
     speed, gain = 2.0 * np.pi * frequency, {1: 1.0, 2: 1.0}
     settings = {"position": CENTRE} if bandwidth is None else {"position": CENTRE, "bandwidth": bandwidth}
@@ -83,7 +83,7 @@ def test_vibration_has_its_lines_at_the_aliased_harmonics_of_the_rotor_speed(ban
     assert others.max() < 1e-9 * spectra.max()
 
 
-def test_the_amplitude_of_a_central_sensor_is_the_force_over_the_mass():
+def test_the_amplitude_at_the_centre_of_mass_is_the_force_divided_by_the_mass():
     """At the centre of mass, the acceleration by all rotors is Σ u_i Ω_i² / m in phase."""
     speed, rate = 2.0 * np.pi * 90, 400
     vibration = {"unbalance": [1e-6, 0.0, 3e-6, 0.0]}
@@ -93,7 +93,7 @@ def test_the_amplitude_of_a_central_sensor_is_the_force_over_the_mass():
     np.testing.assert_allclose(measured[:, 2], 0.0, atol=1e-12)
 
 
-def test_the_angular_acceleration_of_the_gyroscope_is_that_of_two_accelerometers():
+def test_the_angular_acceleration_of_the_gyroscope_agrees_with_two_accelerometers():
     """The difference of two specific forces is α × r, and α is the derivative of the vibration of the gyroscope."""
     period, speeds = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0)
     position = np.array([0.05, 0.03, -0.02])
@@ -108,7 +108,7 @@ def test_the_angular_acceleration_of_the_gyroscope_is_that_of_two_accelerometers
 
 
 def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_mass():
-    """The rate has the amplitude of the torque over the inertia and the frequency. The rotor is not at the centre."""
+    """The amplitude of the rate is the torque divided by inertia and frequency. The rotor is not at the centre."""
     frequency, rate, body = 90, 400, vehicle()
     speed = 2.0 * np.pi * frequency
     vibration = {"thrust_harmonics": [0.03]}
@@ -122,7 +122,7 @@ def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_ma
 
 
 @pytest.mark.parametrize("kind", LAWS)
-def test_the_filtered_vibration_is_the_vibration_behind_the_filter_in_continuous_time(kind):
+def test_the_filtered_vibration_agrees_with_a_filter_in_continuous_time(kind):
     """`scipy.signal.lsim` filters a densely sampled vibration. The transient of the filter decays as exp(-8)."""
     period, speeds, bandwidth = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0), 800.0
     unfiltered, filtered = (

@@ -70,8 +70,8 @@ def test_sampled_covariances_agree_with_the_continuous_process(period):
 
 
 @pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
-def test_a_long_record_has_the_given_standard_deviation(period, duration):
-    """The standard deviation is taken over 3,000 vehicles and the whole record."""
+def test_a_long_flight_in_turbulence_has_the_given_standard_deviation(period, duration):
+    """The standard deviation is taken over 3,000 vehicles and all samples."""
     n = 3000
     builder = DiagramBuilder()
     turbulence = DrydenTurbulence(num_vehicles=n, period=period, parameters=TurbulenceParameters(NEAR_GROUND))
@@ -149,7 +149,7 @@ def test_turbulence_levels_are_winds_of_15_30_and_45_knots():
 
 
 def test_length_scales_and_deviations_agree_with_the_specification():
-    """All lengths are 1000 feet, and all deviations are a tenth of the wind, at a height of 1000 feet."""
+    """At a height of 1000 feet, all length scales are 1000 feet, and all deviations a tenth of the wind at 20 feet."""
     high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
     np.testing.assert_allclose(high.length, 304.8, rtol=1e-12)
     np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)

@@ -174,7 +174,7 @@ def _bounds(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[int]
 
 
 def _count_before_checksum(data: bytes, bounds: Sequence[int]) -> int | None:
-    """Return the number of records before the first valid checksum of all preceding data; None if there is none."""
+    """Return the number of records that a valid checksum of all data follows; None if there is no valid checksum."""
     checksum, end, view = 0, 0, memoryview(data)
     for count, offset in enumerate(bounds):
         checksum = zlib.crc32(view[end:offset], checksum)

@@ -46,7 +46,7 @@ FORMATS: list[LogFormat] = []
 
 
 def other_vehicle_remarks(log: LogFile, other_type: str, user_mapping: NamedMapping | None) -> list[str]:
-    """Return a remark on the type of a vehicle that is not a quadrotor. An empty type is that of a quadrotor.
+    """Return a remark if the logged vehicle is not a quadrotor; `other_type` is empty for a quadrotor.
 
     Raises:
         InputError: if the vehicle is not a quadrotor, and the user selected no mapping.

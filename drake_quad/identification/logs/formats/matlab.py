@@ -1,7 +1,7 @@
 """Reader of MATLAB's MAT-files, based on SciPy.
 
-The columns of the log are the numeric variables and the fields of structs that have as many samples as the time. Names
-of fields have the form `log.position`. A matrix with one column (or one row) per component counts as a column of
+The columns of the log are the numeric variables and the fields of structs that have as many samples as the time column.
+Names of fields have the form `log.position`. A matrix with one column (or one row) per component counts as a column of
 vectors, which `column` in a mapping reads. The names of its components have the form `log.position[0]`.
 """
 

@@ -75,7 +75,7 @@ class _Rows:
         return len(self._times)
 
     def table(self, topic: str, start: int, *, with_type_names: bool) -> tuple[Table, list[str]]:
-        """Return a table with columns named by topic, and if requested also by message type, and remarks."""
+        """Return the table of a topic, and remarks on its times."""
         times, stamps = (
             np.array([each - start for each in clock], dtype=float) * _NANOSECOND
             for clock in (self._times, self._stamps)

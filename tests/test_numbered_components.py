@@ -1,4 +1,4 @@
-"""Tests that code accesses rows of signals and records by name, not by number."""
+"""Tests that code accesses the components of signals and records by name, not by number."""
 
 import ast
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ def is_signal(node: ast.AST) -> bool:
     return isinstance(node, ast.Attribute) and node.attr in ("metrics", *SIGNALS)
 
 
-def test_formulas_and_metrics_access_rows_by_name(root):
+def test_formulas_and_metrics_access_components_by_name(root):
     violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, *FORMULA_PATHS)
@@ -45,7 +45,7 @@ def test_formulas_and_metrics_access_rows_by_name(root):
 
 
 def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """Yield the subscript expressions that access rows of a state by number, such as `state[3]`."""
+    """Yield the subscript expressions that access components of a state by number, such as `state[3]`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
             first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
@@ -55,7 +55,7 @@ def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
                 yield node
 
 
-def test_identification_accesses_rows_of_states_by_name(root):
+def test_identification_accesses_components_of_states_by_name(root):
     violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, "identification")
@@ -69,12 +69,12 @@ def test_identification_accesses_rows_of_states_by_name(root):
 @pytest.mark.parametrize(
     ("text", "counts"), [("state[5:2:-1]", 1), ("state[3, w]", 1), ("state[:, 1:]", 0), ("state[row : row + 3]", 0)]
 )
-def test_the_check_finds_row_numbers_of_states(text, counts):
+def test_the_check_finds_numbered_components_of_states(text, counts):
     assert len([*numbered_states(ast.parse(text))]) == counts
 
 
 @pytest.mark.long
-def test_code_that_reads_flights_accesses_rows_by_name(root):
+def test_code_that_reads_flights_accesses_components_by_name(root):
     violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in [*files(root, "."), *sorted((root / "scripts").rglob("*.py"))]
@@ -101,6 +101,6 @@ def test_the_check_finds_integer_indices(text, counts):
 
 
 @pytest.mark.parametrize("text", ["flight['state'][:, 0:3]", "flight.record('state')[2]", "study.metrics[0]"])
-def test_the_check_finds_row_numbers_of_signals_and_metrics(text):
+def test_the_check_finds_numbered_components_of_signals_and_metrics(text):
     (node,) = integer_indices(ast.parse(text))
     assert is_signal(node.value)
