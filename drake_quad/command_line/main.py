@@ -47,6 +47,7 @@ COMMANDS_BY_PURPOSE = {
     "use flight logs": {
         "identify": "identify a vehicle and its uncertainty from flight logs",
         "identify-controller": "identify the position law of a controller from flight logs",
+        "estimate": "run a state estimator on the inertial sensors of flight logs",
         "compare-log": "simulate the reference of a flight log, and compare measured and predicted errors",
     },
     "more": {

@@ -1,20 +1,20 @@
 """Estimation of a logged flight: an error-state Kalman filter on the inertial sensors and positions of a log.
 
 The log contains inertial sensors, and position and attitude from motion capture, which count as the truth. The filter
-uses every n-th position and no attitude except for the initial yaw. An estimator that flew on board can be compared with
-it, if the log contains its estimate.
+uses the initial yaw, every n-th position, and optionally the attitude at the time of this position. If the log also
+contains the estimate of a filter that flew on board, the errors of both filters can be compared.
 
 Signals that arrive over a radio are late. The lag of the inertial sensors is estimated and removed: it is the lag of
 the gyroscope behind the rotation of motion capture, with the smallest mean squared difference. The lag of an estimate
 from on board is the one with the smallest error of the position, so that the comparison favours this estimate.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.estimation.corrections import PositionAiding
+from drake_quad.estimation.corrections import AttitudeAiding, PoseAiding, PositionAiding
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
 from drake_quad.identification.logs.attitudes import rotation_matrices
@@ -22,12 +22,16 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.signals import EstimateDeviation
 
 CRAZYFLIE_NOISE = InertialNoise(0.01, 0.05, 1e-4, 1e-3)
-"""White noise that the filter in the Crazyflie's firmware assumes: 0.5 m/s² (procNoiseAcc_xy) and 0.1 rad/s
-(measNoiseGyro_rollpitch), constant over each prediction of 0.01 s. The firmware estimates no biases of these sensors; the
-random walks of the biases are rough choices, not fitted.
+"""Noise of the inertial sensors that is assumed by default.
+
+The white noise is that of the filter in the Crazyflie's firmware: 0.5 m/s² (procNoiseAcc_xy) and 0.1 rad/s
+(measNoiseGyro_rollpitch), constant over each prediction of 0.01 s. The firmware estimates no biases of these sensors;
+the random walks of the biases are rough choices, not fitted.
 """
 CRAZYFLIE_POSITION_NOISE = 0.01
 """Standard deviation that the firmware assumes for an external position (extPosStdDev), m."""
+CRAZYFLIE_ATTITUDE_NOISE = 0.0045
+"""Standard deviation that the firmware assumes for an external attitude (extQuatStdDev), rad."""
 
 _INNOVATION_LIMIT = 25.0  # squared
 _RESET_TIME = 0.1  # s, after which rejected positions reset the estimate
@@ -57,9 +61,15 @@ class EstimateErrors(NamedTuple):
     yaw: np.ndarray
 
     def root_mean_squares(self, mask: np.ndarray) -> tuple[float, float, float, float]:
-        """Return the root-mean-square errors of position (m), velocity (m/s), tilt and yaw (rad) where a mask is true."""
-        squares = (np.square(self.position).sum(axis=1), np.square(self.velocity).sum(axis=1), self.tilt**2, self.yaw**2)
-        position, velocity, tilt, yaw = (float(np.sqrt(each[mask].mean())) for each in squares)
+        """Return the root-mean-square errors of position (m), velocity (m/s), tilt (rad) and yaw (rad).
+
+        Args:
+            mask: (n,) True for the samples over which the means are taken.
+        """
+        distances = (np.linalg.norm(each, axis=1) for each in (self.position, self.velocity))
+        position, velocity, tilt, yaw = (
+            float(np.sqrt(np.square(each[mask]).mean())) for each in (*distances, self.tilt, self.yaw)
+        )
         return position, velocity, tilt, yaw
 
 
@@ -71,7 +81,8 @@ class LoggedEstimate(NamedTuple):
         is_flying: (n,) True while the vehicle is above its initial height.
         errors: errors of the filter.
         deviations: (n, 15) standard deviations that the filter estimates, in the order of `EstimateDeviation`.
-        innovations: (n, 3) normalised innovations of the latest position.
+        innovations: (n, m) latest normalised innovations: three of the position, and three of the attitude if the
+            filter uses it.
         gyroscope_bias: (3,) bias of the gyroscope at the end, rad/s.
         accelerometer_bias: (3,) bias of the accelerometer at the end, m/s².
         lag: lag of the inertial sensors that was removed, s.
@@ -106,6 +117,7 @@ def estimate_logged_flight(
     num_skipped: int = 0,
     noise: InertialNoise = CRAZYFLIE_NOISE,
     position_noise: float = CRAZYFLIE_POSITION_NOISE,
+    attitude_noise: float | None = None,
 ) -> LoggedEstimate:
     """Return the estimate of a filter that uses the inertial sensors and the positions of a log.
 
@@ -114,6 +126,7 @@ def estimate_logged_flight(
         num_skipped: number of positions that are left out between two that are used.
         noise: assumed noise of the inertial sensors.
         position_noise: assumed standard deviation of a position on each axis, m.
+        attitude_noise: assumed standard deviation of an attitude about each axis, rad; None to use no attitudes.
 
     Raises:
         InputError: if the log lacks a signal, or is too short.
@@ -123,10 +136,14 @@ def estimate_logged_flight(
     if len(table.time) < _MIN_SAMPLES:
         raise InputError(f"the log {record.name} has {len(table.time)} samples; an estimate needs {_MIN_SAMPLES}")
     lag, samples = _gyroscope_lag(table, period), num_skipped + 1
-    aiding = PositionAiding(position_noise, position_noise, position_noise)
+    aiding: Any = PositionAiding(position_noise, position_noise, position_noise)
+    readings, kind = table.position, "position"
+    if attitude_noise is not None:
+        aiding, kind = PoseAiding(aiding, AttitudeAiding(attitude_noise)), "pose"
+        readings = np.hstack([table.position, table.attitude, np.zeros((len(table.time), 6))])
     max_rejections = max(1.0, round(_RESET_TIME / (samples * period)))
     system = ErrorStateKalmanFilter(
-        aiding=(Aiding("position", "position", samples),),
+        aiding=(Aiding("position", kind, samples),),
         period=period,
         block_samples=samples,
         parameters=FilterParameters(
@@ -141,22 +158,22 @@ def estimate_logged_flight(
     middle = table.time + 0.5 * period + lag
     gyroscope, accelerometer = (_shifted(middle, table.time, each) for each in (table.body_rates, table.specific_force))
     num_steps = len(table.time) - 1
-    states, deviations, innovations = np.zeros((num_steps, 12)), np.zeros((num_steps, 15)), np.zeros((num_steps, 3))
+    states, deviations, innovations = np.zeros((num_steps, 12)), np.zeros((num_steps, 15)), []
     for k in range(num_steps):
-        for name, values in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("position", table.position)):
+        for name, values in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("position", readings)):
             system.GetInputPort(name).FixValue(context, values[k])
         context.SetTime((k + 1) * period)
         context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context).Clone())
         states[k] = system.GetOutputPort("measurement").Eval(context)
         deviations[k] = system.GetOutputPort("estimate_deviation").Eval(context)
-        innovations[k] = system.GetOutputPort("innovation").Eval(context)
+        innovations.append(system.GetOutputPort("innovation").Eval(context))
     estimate, later = system.get_state(context, "estimate"), _Table(*(column[1:] for column in table))
     return LoggedEstimate(
         later.time,
         _is_flying(later),
         _errors(later, states[:, 0:3], states[:, 6:9], states[:, 3:6]),
         deviations,
-        innovations,
+        np.array(innovations),
         np.array(estimate.gyroscope_bias),
         np.array(estimate.accelerometer_bias),
         lag,
@@ -184,8 +201,8 @@ def errors_on_board(record: FlightRecord, on_board: FlightRecord) -> tuple[Estim
         velocity = np.gradient(on_board.position, on_board.time, axis=0)  # type: ignore[arg-type]
     for lag in np.arange(0.0, _MAX_LAG, _LAG_STEP):
         times = table.time + lag
-        estimate = (_shifted(times, on_board.time, each) for each in (on_board.position, velocity))
-        errors = _errors(table, *estimate, _shifted_angles(times, on_board.time, on_board.attitude))
+        position, speed = (_shifted(times, on_board.time, each) for each in (on_board.position, velocity))
+        errors = _errors(table, position, speed, _shifted_angles(times, on_board.time, on_board.attitude))
         if best is None or errors.root_mean_squares(is_flying)[0] < best[0].root_mean_squares(is_flying)[0]:
             best = errors, is_flying, float(lag)
     assert best is not None

@@ -20,8 +20,8 @@ from drake_quad.scenario.batch import draw_sample
 
 # Commands for a scenario that write no files, and commands without a scenario.
 COMMANDS_WITHOUT_FILES = {"scenarios"}
-COMMANDS_WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
-COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol",
+COMMANDS_WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "estimate", "completion"}
+COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol", "estimate",
     "fly", "study", "compare", "plan", "design", "map", "sensitivities", "identify", "compare-log", "replicate",
 }  # fmt: skip
 

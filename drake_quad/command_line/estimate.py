@@ -1,0 +1,117 @@
+"""Run an error-state Kalman filter on the inertial sensors and positions of flight logs.
+
+Position and attitude of a log count as the truth. The filter integrates the gyroscope and the accelerometer, and is
+corrected by every n-th position. The command prints the root-mean-square errors of the filter in flight, and plots its
+errors over time. The option --on-board adds the estimate of the filter that flew, if the log contains one.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad.command_line.options import add_vector, bare_parser, check_ranges
+from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder
+from drake_quad.identification.logged_estimate import (
+    CRAZYFLIE_ATTITUDE_NOISE,
+    CRAZYFLIE_POSITION_NOISE,
+    EstimateErrors,
+    LoggedEstimate,
+    errors_on_board,
+    estimate_logged_flight,
+)
+from drake_quad.identification.logs.reading import read_log
+
+_OPTION_RANGES = {"skip": (0, 1000), "position_noise": (1e-6, 10.0), "attitude_noise": (1e-6, 1.0)}
+# Names of the errors in the table, with their factors and units.
+_COLUMNS = (("position", 1e3, "mm"), ("velocity", 1e2, "cm/s"), ("tilt", 1e3, "mrad"), ("yaw", 1e3, "mrad"))
+_HEADER = ("log", "filter", *(f"{name} ({unit})" for name, _, unit in _COLUMNS), "lag removed (ms)")
+_MAX_SQUARED_INNOVATION = 2.0  # mean above which a filter is inconsistent; the expected value is 1
+
+
+def options() -> argparse.ArgumentParser:
+    result = bare_parser(__doc__, "drake-quad estimate flight.csv --skip 9 --on-board nanobench_onboard")
+    result.add_argument("log", nargs="+", type=Path, help="flight logs")
+    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped mapping")
+    result.add_argument(
+        "--on-board", metavar="MAPPING", help="mapping whose position and attitude are the estimate from on board"
+    )
+    result.add_argument(
+        "--skip",
+        type=int,
+        default=0,
+        metavar="COUNT",
+        help="number of positions that are left out between two that the filter uses (default: %(default)s)",
+    )
+    result.add_argument(
+        "--position-noise",
+        type=float,
+        default=CRAZYFLIE_POSITION_NOISE,
+        metavar="METRES",
+        help="standard deviation that the filter assumes for a position on each axis (default: %(default)s, from the"
+        " firmware of the Crazyflie)",
+    )
+    result.add_argument(
+        "--attitude-noise",
+        type=float,
+        metavar="RADIANS",
+        nargs="?",
+        const=CRAZYFLIE_ATTITUDE_NOISE,
+        help="use the attitude at the time of each position, with this assumed standard deviation (default without a"
+        " number: %(const)s, from the firmware of the Crazyflie)",
+    )
+    result.add_argument(
+        "--output", type=Path, default=Path("out/estimate"), help="output folder (default: out/estimate)"
+    )
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    check_ranges(arguments, _OPTION_RANGES)
+    folder = output_folder(arguments.output)
+    # Matplotlib takes half a second to import, so wrong options are reported before.
+    from drake_quad.visualization.estimate_plots import plot_estimate
+    from drake_quad.visualization.style import save_figures
+
+    rows, figures = [], {}
+    for path in arguments.log:
+        name = path.name.partition(".")[0]
+        if name in figures:
+            raise InputError(f"two logs have the name {name}; estimate one after the other")
+        record = read_log(path, arguments.mapping)
+        estimate = estimate_logged_flight(
+            record,
+            num_skipped=arguments.skip,
+            position_noise=arguments.position_noise,
+            attitude_noise=arguments.attitude_noise,
+        )
+        used = "positions" if arguments.attitude_noise is None else "poses"
+        rate = 1.0 / (estimate.period * (1 + arguments.skip))
+        rows.append(_row(name, f"{used} at {rate:.3g} Hz", estimate.errors, estimate.is_flying, estimate.lag))
+        on_board = None
+        if arguments.on_board is not None:
+            on_board, is_flying, lag = errors_on_board(record, read_log(path, arguments.on_board))
+            rows.append(_row(name, "on board", on_board, is_flying, lag))
+        _remark_inconsistency(name, estimate)
+        figures[name] = plot_estimate(estimate, on_board)
+    print("root-mean-square errors in flight")
+    print_columns(_HEADER, rows)
+    print_files(save_figures(figures, folder, vector=arguments.vector))
+
+
+def _row(name: str, label: str, errors: EstimateErrors, is_flying: np.ndarray, lag: float) -> tuple[str, ...]:
+    values = zip(errors.root_mean_squares(is_flying), _COLUMNS, strict=True)
+    return name, label, *(f"{factor * value:.3g}" for value, (_, factor, _) in values), f"{1e3 * lag:.0f}"
+
+
+def _remark_inconsistency(name: str, estimate: LoggedEstimate) -> None:
+    """Remark that the innovations are larger than the filter expects."""
+    size = float(np.square(estimate.innovations[estimate.is_flying]).mean())
+    if size > _MAX_SQUARED_INNOVATION:
+        remark(
+            f"{name}: the squared innovations are {size:.1f} times as large as the filter expects, so its standard"
+            " deviations are too small, for example because the clocks of the sensors differ"
+        )
