@@ -1,1 +1,1 @@
-"""State estimation on board: an error-state Kalman filter and a complementary filter, corrected by readings of sensors."""
+"""State estimation on board: a Kalman filter and a complementary filter, corrected by readings of sensors."""
