@@ -110,8 +110,9 @@ def errors_of(flights: list[Flight]) -> Errors:
     """Return the errors over all flights."""
     error = np.hstack([estimation_error(flight) for flight in flights])
     parts = error[0:3], error[6:9], error[3:5], error[5:6]
-    tracking = np.sqrt(np.mean([flight.metrics.rmse**2 for flight in flights]))
-    return Errors(*(float(np.sqrt(np.square(each).sum(axis=0).mean())) for each in parts), float(tracking))
+    position, velocity, tilt, yaw = (float(np.sqrt(np.square(each).sum(axis=0).mean())) for each in parts)
+    tracking = float(np.sqrt(np.mean([flight.metrics.rmse**2 for flight in flights])))
+    return Errors(position, velocity, tilt, yaw, tracking)
 
 
 def draw(flights: dict[str, list[Flight]]) -> "Figure":

@@ -29,6 +29,6 @@ def test_each_test_records_the_formulas_that_it_runs_although_their_machine_code
     )
     assert {
         *(f"test_battery_sag_reduces_all_rotor_speeds_linearly_in_time[{step}]" for step in ("0.01", "0.0")),
-        *(f"test_a_rotor_fails_at_its_time[{step}]" for step in ("0.01", "0.0")),
+        *(f"test_a_rotor_fails_at_the_given_time[{step}]" for step in ("0.01", "0.0")),
         "test_vehicles_of_a_fleet_have_individual_faults",
     } <= set(result.stdout.split())
