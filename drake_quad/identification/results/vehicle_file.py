@@ -1,12 +1,12 @@
 """File of an identified vehicle in the scenario language, for `extends` and for studies.
 
 The file extends the vehicle with which the identification began. `vehicle` and `laboratory` contain the estimates as
-correlated normal distributions. The distributions describe another stretch of flight: their covariance includes the
-error of the mean and, if it is known, the variation from stretch to stretch. The standard deviations are widened to
-match Student's distribution, so that 95 % of the samples are within the interval for another stretch.
+correlated normal distributions. The distributions describe a flight that was not logged: their covariance includes the
+error of the mean and, if it is known, the variation from one stretch of flight to the next. The standard deviations are
+widened to match Student's distribution, so that 95 % of the samples are within the interval for a further stretch.
 
-`nominal`, which the planner and the controllers believe, is unchanged unless the estimates are requested there as well.
-To predict flights of the controller that flew a log, keep the values that this controller believed in `nominal`. To
+`nominal`, which the planner and the controllers assume, is unchanged unless the estimates are requested there as well.
+To predict flights under the controller of the log, keep the values that this controller assumed in `nominal`. To
 design a controller for the identified vehicle, write the estimates to `nominal`.
 """
 
@@ -94,7 +94,7 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or the name of a shipped scenario.
-        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe. Values
+        nominal: True to write the estimates also to `nominal`, which the planner and the controllers assume. Values
             of parameters that the logs do not identify stay as in `base` there.
         overrides: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
@@ -155,7 +155,7 @@ def _relative(base: str | Path, folder: Path) -> str:
 def _fields(
     name: str, estimates: Estimates, base: Scenario, nominal: bool, overrides: Sequence[str], voltage: float | None
 ) -> dict[str, Any]:
-    """Return the scenario as nested mappings with an entry at each leaf."""
+    """Return the scenario as nested mappings. Each field has an `_Entry` with its value and comment."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
     values = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
     written = {parameter: _Entry(value, _comment(estimates, parameter, value)) for parameter, value in values.items()}
@@ -336,8 +336,8 @@ def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
 def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
     """Complete the motors if their thrust curve was estimated, and raise rotor speed limits below full throttle.
 
-    If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, motors are added to
-    `nominal` that produce its full thrust at full throttle.
+    `nominal` also needs throttle motors if `nominal` of the base scenario has none. If the estimated curve is not
+    written to `nominal`, its motors produce the full thrust of the base scenario at full throttle.
     """
     if "motors" not in tree["vehicle"]:
         return
@@ -366,7 +366,7 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
 
 
 def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
-    """Complete the autopilot and the control if an attitude response was estimated, but the base has no response.
+    """Complete autopilot and control if an attitude response was estimated that the base scenario lacks.
 
     Raises:
         InputError: if only one of natural frequency and damping is estimated.
