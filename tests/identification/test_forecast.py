@@ -13,6 +13,7 @@ NUM_SETTLING_SAMPLES = 3
 NUM_FORECAST_SAMPLES = 6
 NUM_WINDOWS = 4
 NOISE = SimpleNamespace(measured=np.array([1e-3, 2e-3, 3e-3, 4e-3]))
+# Signal and index of the axis of each output.
 OUTPUTS = (("position", 1), ("attitude", 2), ("body_rates", 0), (FORCE, 2))
 
 

@@ -92,7 +92,7 @@ def test_noise_is_estimated_only_far_from_take_off_and_landing():
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
 
 
-def test_noise_follows_from_third_differences_and_the_sum_of_their_squared_coefficients():
+def test_noise_is_the_size_of_third_differences_over_the_norm_of_their_coefficients():
     """The third differences of an alternating signal are eight times its amplitude."""
     values = 1e-3 * np.outer(np.where(np.arange(400) % 2, 1.0, -1.0), [1.0, 2.0, 3.0])
     (noise,) = white_noise(FlightRecord("log", 0.01 * np.arange(400), position=values))
@@ -183,11 +183,14 @@ def test_a_response_after_0_3_s_is_not_taken_as_a_delay():
     assert delay_by_correlation(logged) == pytest.approx(0.1)
 
 
-def test_a_log_with_one_sample_per_second_gives_no_delay_and_a_single_block_no_standard_deviation():
+def test_the_delay_from_a_log_with_one_sample_per_second_is_zero():
     command = np.random.default_rng(6).normal(size=(50, 3)).cumsum(axis=0)
     assert (
         delay_by_correlation(FlightRecord("slow", np.arange(50.0), attitude=command, attitude_command=command)) == 0.0
     )
+
+
+def test_a_mean_over_a_single_block_has_no_standard_deviation():
     mean = hover._mean(np.array([3.0, 5.0]), np.array([7, 7]), "N")
     assert (mean.value, mean.unit, mean.degrees_of_freedom) == (4.0, "N", 1.0)
     assert np.isnan(mean.deviation)
@@ -200,7 +203,7 @@ def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller
     found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
     ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
     assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
-    # All thrusts are equal, so 1 / K is averaged over the four motors.
+    # All motors have the same thrust K u², so the squared throttle u² is proportional to 1 / K, which is averaged.
     expected = level / np.mean(1.0 / weak)
     assert found["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
 

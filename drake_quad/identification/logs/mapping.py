@@ -251,7 +251,9 @@ def _check(name: str, source: dict[str, Any], path: _Path) -> None:
     if "quaternion" in source and name not in ATTITUDES:
         raise _error((*path, "quaternion"), "must not be given: {name} is not an attitude", name=name)
     if "rotors" in source and COLUMNS[name] != _NUM_ROTORS:
-        raise _error((*path, "rotors"), "must not be given: the values of {name} are not one for each rotor", name=name)
+        raise _error(
+            (*path, "rotors"), "must not be given: {name} is not a signal with one value for each rotor", name=name
+        )
     width = _NUM_QUATERNION_COMPONENTS if "quaternion" in source else COLUMNS[name]
     for field in ("columns", "factor", "rotors"):
         values = source.get(field)

@@ -18,8 +18,7 @@ from drake_quad.identification.position_law.commands import (
     unproduced_output,
 )
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS
-from drake_quad.identification.windows import airborne_mask
-from drake_quad.identification.windows import segment_numbers
+from drake_quad.identification.windows import airborne_mask, segment_numbers
 from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s; a reference counts as moving if its velocity has a larger standard deviation

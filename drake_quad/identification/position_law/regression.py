@@ -284,7 +284,7 @@ def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[st
 
     A sum over samples differs from the trapezoidal rule by half a period times the last sample. The difference biases
     the position gain of a PID. In a cascade with the same law, it also biases the velocity gains, because the velocity
-    loop integrates with a gain k_i'. The gain k_i' is the larger one of the gain of the term `displacement` and k_i / K,
+    loop integrates with a gain k_i'. The gain k_i' is the larger of the gain of the term `displacement` and k_i / K,
     where the position gain K is the larger root of k_v K² - k_p K + k_i = 0. The symbols are those of
     `drake_quad.identification.position_law.law`.
     """
