@@ -266,7 +266,7 @@ def test_drag_is_estimated_from_means_over_a_tenth_of_a_second_without_the_ends_
 
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
 def test_noise_is_estimated_from_steps_of_at_most_twenty_milliseconds(period, steps):
-    assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps
+    assert estimator._noise_steps(FlightRecord("log", period * np.arange(10.0))) == steps
 
 
 def test_the_standard_deviation_of_a_slope_follows_from_the_scatter_between_blocks():

@@ -293,7 +293,7 @@ def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() ->
     np.testing.assert_allclose(new.covariance[0, 0], 1e-4)
 
 
-def test_two_flights_give_no_spread_and_logs_without_poses_give_no_trim_force() -> None:
+def test_variation_between_flights_is_estimated_from_at_least_three_flights() -> None:
     own, scenario = estimates(), load_scenario("hover")
     assert with_differences(own, differences([0.1, -0.1], [0.1, -0.1]), scenario, 20.0) is own
     found = with_differences(own, differences([0.1, 0.0, -0.1], None), scenario, 20.0)

@@ -59,7 +59,7 @@ def test_a_vehicle_that_never_flies_is_refused(height):
 
 
 def test_two_samples_are_the_shortest_flight():
-    """Samples exactly 0.25 m above the ground do not count as flight."""
+    """Free flight is more than 0.25 m above the ground, which is at 0.3 m."""
     height = np.where((TIME > 2.0) & (TIME < 6.0), 0.55, 0.3)
     for count in (1, 2):
         height[300 : 300 + count] = 0.56

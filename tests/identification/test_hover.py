@@ -76,15 +76,14 @@ def hovering(seconds=20.0, **signals):
 
 
 def test_noise_is_estimated_only_far_from_take_off_and_landing():
-    """Samples within 2 s of flight do not count as rest."""
+    """Samples within 2 s of a flight are not used to estimate the noise at rest."""
     random = np.random.default_rng(2)
     time = 0.01 * np.arange(3000)
     commanded = np.where((time > 8.0) & (time < 20.0), 0.5, 0.0)
     logged = FlightRecord("log", time, thrust_command=commanded, position=np.zeros((3000, 3)))
     (noise,) = white_noise(logged)
     np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
-    # Only samples from 9 s to 19 s count as flight. Samples near take-off and landing count neither as rest nor as
-    # flight.
+    # The noise in flight is estimated between 9 s and 19 s. Samples near take-off and landing are not used.
     loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
     position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
     (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
@@ -166,7 +165,7 @@ def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
     attitude = np.zeros_like(command)
     attitude[lag:, axis] = command[: 2000 - lag, axis]
     time = 0.01 * np.arange(2000) + np.where(np.arange(2000) > 500, 1.0, 0.0)
-    # The shorter piece before the gap has another delay, which is ignored.
+    # The shorter part of the log, before the gap, has another delay, which is ignored.
     attitude[:500] = np.roll(command[:500], 3, axis=0)
     logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)

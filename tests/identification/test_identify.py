@@ -295,7 +295,7 @@ def test_an_angle_response_is_not_identified_if_the_angle_command_is_below_the_n
 
 
 def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
-    """The speed is averaged over 0.1 s, so noise and vibration at 10 Hz do not count."""
+    """The speed is averaged over 0.1 s, so noise and vibration at 10 Hz do not increase it."""
     time = 0.02 * np.arange(200)
     outputs = [Output("position", column) for column in range(3)]
     names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")

@@ -158,7 +158,7 @@ def test_the_route_of_a_jumping_reference_consists_of_the_logged_setpoints():
 
 
 def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
-    """Setpoints before the lift-off do not count; the clock of the route begins at the lift-off."""
+    """Setpoints before the lift-off are left out. The clock of the route begins at the lift-off."""
     standing = np.array([0.3, -0.2, 0.06])
     record = jumping()
     record = replace(record, position=np.tile(standing, (len(record.time), 1)))

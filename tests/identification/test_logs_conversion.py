@@ -57,7 +57,7 @@ def test_signals_present_for_less_than_half_of_the_time_are_left_out():
     assert conversion._sufficiently_logged([channel("thrust_fraction", 1.0, 2.0, 0.1)], clock)[0]
     assert not conversion._sufficiently_logged([channel("thrust_fraction", 6.2, 7.0, 0.1)], clock)[0]
     assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
-    # NaN values do not count.
+    # Times at which a signal is NaN are not among the times at which it is logged.
     for known, fraction in ((4.4, 0.44), (5.6, 0.56)):
         half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
         full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))

@@ -83,7 +83,7 @@ def test_an_integral_gain_that_may_be_zero_is_left_out(integral, kind):
         ((2.4, 0.61), "tracking_error", 1.0),
         ((2.4, 0.59), None, 0.8),
         ((-0.16, 1e-3), None, 0.0),
-        # If the interval contains both 0 and 1, the ratio is 0.
+        # If the interval contains both 0 and 1, the feedforward is 0.
         ((1.6, 1.7), "measurement", 0.0),
     ],
 )
@@ -126,7 +126,7 @@ def test_the_velocity_feedforward_is_averaged_over_the_axes_that_determine_it():
         ((-0.06, 1e-3), 0.0),
     ],
 )
-def test_the_acceleration_feedforward_of_a_pd_is_complete_or_absent(fed, expected):
+def test_an_acceleration_feedforward_near_zero_or_one_becomes_zero_or_one(fed, expected):
     control = control_of(PD_GAINS | {"reference_acceleration": fed})
     if isinstance(expected, str):
         assert control["position"]["feed_forward"] == expected

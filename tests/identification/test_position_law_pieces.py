@@ -197,15 +197,15 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     assert 293 <= left_out[0] < 297
     # The parabolas before and after the jump have opposite curvatures of the same size.
     assert left_out[-1] == 599 - left_out[0] + 15
-    # An acceleration above 50 m/s² counts as a jump.
+    # A reference jumps if its acceleration exceeds 50 m/s².
     for size, counts in ((49.0, True), (51.0, False)):
         bent = 0.5 * size * np.maximum(TIME - 3.0, 0.0)[:, None] ** 2 * np.array([0.0, 1.0, 0.0])
         found, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
         assert found["acceleration"][0].counted[400] == counts
 
 
-def test_a_piece_ends_at_a_gap_and_must_contain_two_seconds_to_compare(vehicle):
-    """The second of three stretches has 2.01 s to compare, and the first and third have 1.98 s.
+def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicle):
+    """The regression can use 2.01 s of the second of three stretches, and 1.98 s of the first and third.
 
     The time for delay and smoothing is subtracted.
     """
@@ -234,7 +234,7 @@ def test_a_stretch_of_a_slow_log_needs_sixty_samples_for_the_regression(vehicle)
         prepared_pieces(record_of(time[:66]), vehicle, [])
 
 
-def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
+def test_samples_at_a_limit_and_on_the_ground_are_not_used_in_the_regression(vehicle):
     time = PERIOD * np.arange(1200)
     angles = record_of(time).attitude_command
     cut = np.column_stack([np.minimum(angles[:, 0], 0.15), angles[:, 1:]])
@@ -244,7 +244,7 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     # The last second before the landing is left out.
     assert not piece.counted[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
-    # Values closer to the limit than 0.5 % of the range count as at the limit.
+    # A sample is at a limit if its distance to the limit is less than 0.5 % of the range.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
@@ -339,7 +339,7 @@ def limited(usable=None, *, thrust=TRIANGLE, roll=0.1 * TRIANGLE, pitch=0.1 * TR
 @pytest.mark.parametrize("name", ["thrust", "roll", "pitch"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_clipped_command_is_at_a_limit(name, sign):
-    """Samples next to the limit, or at the other extreme, do not count."""
+    """Samples next to the limit, or at the other extreme, are not in the mask."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
     found = limited(**{name: sign * size * cut})
@@ -372,7 +372,7 @@ def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme()
     assert (found(7, 0), found(8, 0)) == (0, 8)
     assert (found(29, 5), found(30, 5)) == (0, 30)
     assert (found(1000, 0), found(1001, 0)) == (1000, 0)
-    # Samples on the ground do not count.
+    # Samples on the ground are never in the mask.
     assert found(20, 0, at_end >= 10) == 10
     assert found(600, 0, at_end < 1000) == 0
     assert found(15, 0, at_end >= 10) == 0

@@ -142,7 +142,7 @@ def test_the_time_constant_of_a_filter_is_at_most_half_a_second():
 
 
 def noisy_pieces(samples=60):
-    """Return two stretches of independent noise signals, with some samples that do not count."""
+    """Return two stretches of flight with independent noise signals. The regression does not use all samples."""
     random = np.random.default_rng(3)
     return [
         Piece(
@@ -236,7 +236,7 @@ def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_secon
     piece = flown()
     for deviation, moves in ((0.009, False), (0.011, True)):
         speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
-        # Larger motion in samples that do not count, or on another axis, is ignored.
+        # Larger motion in samples that the regression does not use, or on another axis, is ignored.
         slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
         terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
         assert ("displacement" in terms) == ("reference_velocity" in terms) == moves
@@ -271,7 +271,7 @@ def test_correlated_samples_are_less_informative_than_independent_ones():
     for left in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
         expected = direct_independent_samples(left)
         assert regression._independent_samples(left) == pytest.approx(expected, rel=1e-9)
-    # With correlations 0.9^k, n samples are worth n (1 - 0.9) / (1 + 0.9) independent ones.
+    # With correlations 0.9^k, n samples are equivalent to n (1 - 0.9) / (1 + 0.9) independent samples.
     assert regression._independent_samples(slow) == pytest.approx(20001 / 19.0, rel=0.15)
     assert regression._independent_samples(np.zeros(50)) == 50.0
 
@@ -637,7 +637,7 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
 
 
 def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(monkeypatch):
-    """An exact fit of a single axis does not decide the comparison, since its unexplained variance counts as 1e-12."""
+    """An exact fit of a single axis does not decide the comparison: its unexplained variance is raised to 1e-12."""
     seen = []
 
     def fit_with_limit(pieces, axes):

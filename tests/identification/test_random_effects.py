@@ -61,7 +61,7 @@ def test_the_variation_of_a_parameter_is_zero_if_the_log_contains_no_information
     assert mean.covariance[2, 2] == 0.0
 
 
-def test_each_stretch_is_fitted_separately() -> None:
+def test_each_stretch_of_flight_is_fitted_separately() -> None:
     """One Gauss-Newton step is exact for a linear model, so the test compares it with a refit of each stretch."""
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(20, 5, 2))
@@ -158,7 +158,7 @@ def test_a_variation_can_be_reduced_to_some_parameters_and_extended_by_unknown_o
     assert not extended.covariance[:2, 2:].any()
 
 
-def test_the_variance_of_the_errors_is_subtracted_from_that_between_stretches() -> None:
+def test_the_variance_of_estimation_errors_is_subtracted_from_the_variance_between_stretches() -> None:
     """The variance between stretches is s² - v, for the sample variance s² and equal error variances v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
     found = stretches_of(estimates, np.full(10, 2.0)).variance_between()

@@ -62,7 +62,7 @@ def test_a_constant_time_shift_is_found_in_all_parts_of_a_log(shift):
     np.testing.assert_allclose(found, -shift, atol=1e-3)
 
 
-def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
+def test_no_time_shift_is_found_in_short_logs_or_between_unrelated_signals():
     """At least fifty windows of 0.1 s are required. Parts without a common motion are left out."""
     record = rolling(np.zeros(20))
     for count in (10, 40, 58, 220):

@@ -80,7 +80,7 @@ def test_the_true_vehicle_predicts_the_position_errors_of_the_log(scenario, flow
     np.testing.assert_allclose(found.predicted[0], found.logged_error, atol=1e-3)
 
 
-def test_errors_count_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
+def test_errors_are_evaluated_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
     found = compare_with_log(flown, scenario, samples=1, rest=REST_DURATION)
     gone = np.linalg.norm(flown.reference_position - flown.reference_position[0], axis=1)
     first = np.searchsorted(flown.time, found.time[0])
@@ -142,10 +142,10 @@ def test_a_crash_is_an_infinite_error():
     assert found.within("rmse").tolist() == [True] * len(AXES)
 
 
-def test_the_typical_sample_has_the_median_error():
+def test_the_sample_with_the_median_error_is_chosen():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).median_sample() == 4
-    # If the number of samples is even, the typical sample has the smaller of the two middle errors.
+    # If the number of samples is even, the sample with the smaller of the two middle errors is chosen.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).median_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).median_sample() == 0
     # The error is the norm over all axes. If several samples have the same error, the first of them is chosen.

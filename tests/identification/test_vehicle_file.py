@@ -265,7 +265,7 @@ def test_rotor_time_constants_of_both_directions_are_written(base, tmp_path):
     assert vehicle.rotor_time_constant_down.normal.mean == 0.08
 
 
-def test_the_rotor_speed_limit_of_the_base_does_not_limit_the_thrust_curve(base, tmp_path):
+def test_the_rotor_speed_limit_of_the_base_scenario_does_not_limit_the_thrust_curve(base, tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
     found = estimates_of(
@@ -425,7 +425,7 @@ def test_distributions_of_the_initial_vehicle_are_kept(base, tmp_path):
 
 
 def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path):
-    """The estimates of I_xx and I_yy are too small for the I_zz of the base by more than rounding errors."""
+    """The estimates of I_xx and I_yy are too small for I_zz of the base vehicle, by more than rounding errors."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, nominal=True)
     excess = 2.98e-5 - 2.5e-5

@@ -55,8 +55,8 @@ def test_a_second_around_a_collision_is_left_out() -> None:
     assert flying[[899, 1101]].all()
 
 
-def test_windows_follow_one_another_and_do_not_span_a_gap() -> None:
-    """A gap of 0.1 s after sample 500 begins another piece, in which the settling time must fit, too."""
+def test_windows_are_adjacent_and_do_not_span_a_gap() -> None:
+    """A gap of 0.1 s after sample 500 begins another segment. The settling time must fit into each segment."""
     base = record(10.0)
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
@@ -91,7 +91,7 @@ def test_downsampling_averages_angles_across_the_wrap_at_180_degrees() -> None:
     assert np.abs(few.attitude).max() <= np.pi
 
 
-def test_a_second_around_a_steep_pitch_is_left_out_and_reported() -> None:
+def test_a_second_around_a_pitch_near_90_degrees_is_left_out_and_reported() -> None:
     """Roll and yaw are noise near a pitch of 90°."""
     angles = np.zeros((2000, 3))
     angles[1000:1020, 1] = np.radians(-80.0)

@@ -96,12 +96,12 @@ def write_vehicle(
         base: FILE or FILE:NAME of the vehicle that the file extends, or the name of a shipped scenario.
         nominal: True to write the estimates also to `nominal`, which the planner and the controllers assume. Values
             of parameters that the logs do not identify stay as in `base` there.
-        overrides: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
+        overrides: overrides of the base scenario, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
-        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate requires further estimates that
-            are missing, or the vehicle cannot fly.
+        InputError: if a name or a path is wrong, the base scenario cannot be loaded, an estimate requires further
+            estimates that are missing, or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{short_repr(str(path))} must end in .yaml or .yml")
@@ -140,7 +140,7 @@ def nominal_estimates(scenario: Scenario) -> list[str]:
 
 
 def _relative(base: str | Path, folder: Path) -> str:
-    """Return the base as a path relative to the folder of the file, or as the name of a shipped scenario."""
+    """Return the base scenario as a path relative to the folder of the file, or as the name of a shipped scenario."""
     if is_shipped(str(base)):
         file = str(base).partition(":")[0]
         return f"{file}:{Library().find(str(base))[0]}"
@@ -304,11 +304,11 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     """Return an item of a list in the base scenario.
 
     Raises:
-        InputError: if the base has no such list.
+        InputError: if the base scenario has no such list.
     """
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
-    if owner is None:  # the effect is switched off in the base
+    if owner is None:  # the effect is switched off in the base scenario
         return _Entry(0.0, "as in the base vehicle")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
         return _Entry(0.0, "not identified, and 0 at the start of the identification")
@@ -389,7 +389,7 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
 
 
 def _switch_off_duplicates(vehicle: dict[str, Any]) -> None:
-    """Switch off the effects of the base that an estimate already includes."""
+    """Switch off the effects of the base scenario that an estimate already includes."""
     if "rotor_time_constant" in vehicle and "rotor_time_constant_down" not in vehicle:
         vehicle["rotor_time_constant_down"] = _Entry(None, "one time constant was identified for both directions")
     if "body_drag" in vehicle:

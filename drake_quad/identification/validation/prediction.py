@@ -48,10 +48,10 @@ CONSTANT_VELOCITY = "constant velocity"
 CONSTANT_ACCELERATION = "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
-START_SPACING = 0.1  # s, time between starts
-_PARABOLA_TIME = 0.05  # s, duration of the parabolas from which predictions without a model begin
+START_SPACING = 0.1  # s, time between the starts of two predictions
+_PARABOLA_TIME = 0.05  # s, duration of the parabolas at whose ends predictions without a model begin
 _MIN_PARABOLA_SAMPLES = 4  # smallest number of samples to which a parabola is fitted
-_SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
+_SETTLING_TIME = 0.5  # s, time before the start of a prediction in which the filter settles
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
@@ -88,7 +88,7 @@ class Predictions:
         return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
-        """Return the fraction by which a vehicle reduces the RMS error of another vehicle, over the same starts.
+        """Return the fraction by which a vehicle reduces the RMS error of another vehicle, from the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
         """
