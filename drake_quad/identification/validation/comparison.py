@@ -101,7 +101,7 @@ class LogComparison:
         return ErrorStatistics(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return median, lower end and upper end of the 95 % interval of the named statistic, (4,) each as in `AXES`."""
+        """Return median, lower and upper end of the 95 % interval of the named statistic, (4,) each as in `AXES`."""
         values = getattr(self.predicted_statistics(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
