@@ -86,7 +86,8 @@ def jackknife(
         squares += 0.5 * (neighbours + neighbours.T)
     covariance = (num_blocks - 1) / num_blocks * squares + inverse @ np.diag(prior_information) @ inverse
     variances, model_variances = np.diag(covariance), np.diag(inverse)
-    # Blocks may agree by chance, so the variance for a correct model is the lower limit.
+    # The jackknife variance is too small if the blocks give similar estimates by chance. The variance for a correct
+    # model is therefore the lower limit.
     factors = np.sqrt(np.maximum(1.0, ratio(model_variances, variances, 1.0)))
     covariance = np.where(np.eye(len(variances), dtype=bool) & (variances <= 0.0), model_variances, covariance)
     return Uncertainty(covariance * np.outer(factors, factors), np.maximum(degrees_of_freedom, 1.0), inverse)

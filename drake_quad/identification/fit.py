@@ -34,11 +34,12 @@ _MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the paramete
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
 _MAX_NUM_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# The derivatives at the start of a search predict how much it can increase the log-likelihood. The actual increase is
-# assumed to be at most this multiple of the prediction. If even this would not exceed the likelihood with the larger
-# disturbance, the smaller disturbance is not fitted.
+# A fit with a smaller disturbance must reach a higher log-likelihood than the fit with the larger disturbance. The
+# derivatives at the start of the search predict an increase of the log-likelihood. The fit is skipped if this multiple
+# of the predicted increase would not suffice.
 _MAX_GAIN_RATIO = 3.0
-# Rounds in which smaller disturbances are tried: at the start, and when the parameters have nearly converged.
+# Rounds of the fit in which smaller disturbing forces and torques are tried: at the start, and when the parameters have
+# nearly converged.
 _TRIAL_ROUNDS = (1, 4)
 # Factors by which the disturbance (force along x, y, z, torque about x, y, z) is reduced in a trial. The trials are
 # needed because Fisher scoring reduces a much too large disturbance only slowly.
@@ -46,9 +47,9 @@ _TORQUE_REDUCTION = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _FORCE_REDUCTION = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
 # local minimum in which a large disturbance explains the motion. The search then starts again from the prior mean,
-# with the disturbance multiplied by `_RESTART_DISTURBANCE`.
+# with the disturbance multiplied by `_RESTART_DISTURBANCE_FACTOR`.
 _MAX_PRIOR_DISTANCE = 2.0
-_RESTART_DISTURBANCE = 0.05
+_RESTART_DISTURBANCE_FACTOR = 0.05
 # The model has diverged if a whitened error exceeds this limit.
 _MAX_WHITENED_ERROR = 1e6
 # Approximate number of measurements from which the noise is estimated in each round.
@@ -58,8 +59,8 @@ _LOG_STEP = 1e-4
 # Largest change of the logarithm of a noise parameter in one round, which corresponds to a factor of 12.
 _MAX_LOG_CHANGE = 2.5
 _MAX_SCORING_STEPS = 5  # largest number of Fisher scoring steps in a round
-_LIKELIHOOD_TOLERANCE = 0.1  # scoring ends when a step increases the log-likelihood by less than this
-_INITIAL_DAMPING = 1e-3  # scale of the initial damping of scoring steps
+_LIKELIHOOD_TOLERANCE = 0.1  # Fisher scoring ends when a step increases the log-likelihood by less than this
+_INITIAL_DAMPING = 1e-3  # scale of the initial damping of Fisher scoring steps
 _WEAK_PRIOR = 1e-3  # information added to each noise parameter, so that the total information is invertible
 MIN_NOISE = 1e-5
 """Smallest estimated standard deviation of a measurement, in the SI unit of the signal."""
@@ -110,7 +111,7 @@ class PredictionFit(NamedTuple):
         )
 
     def evidence(self, names: Sequence[str], scales: Sequence[float], duration: float) -> Evidence:
-        """Return the information of each window, or of equal parts of each window if there are few windows.
+        """Return the evidence of the windows about the parameters. If there are few windows, each is split into parts.
 
         Args:
             names: (p,) names of the parameters.
@@ -169,7 +170,7 @@ def fit(
                 untried.remove(factors)
             point = improved
         if round_number == 1 and np.any(np.abs(point.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
-            small = point.noise._replace(disturbance=_RESTART_DISTURBANCE * point.noise.disturbance)
+            small = point.noise._replace(disturbance=_RESTART_DISTURBANCE_FACTOR * point.noise.disturbance)
             restarted = _best_point(predictor, parameters, mean, predictor.gains(mean, small))
             if restarted.likelihood > point.likelihood:
                 point = restarted
@@ -265,7 +266,7 @@ class _Point(NamedTuple):
 
     @classmethod
     def at(cls, predictor: Predictor, scales: np.ndarray, values: np.ndarray, gains: Gains) -> "_Point":
-        """Return the predictions with given parameters. The derivatives are finite differences.
+        """Return the predictions for given parameters, with their derivatives by finite differences.
 
         Args:
             predictor: predictor of the outputs.
@@ -296,7 +297,7 @@ class _Point(NamedTuple):
 
 
 class _Evaluation(NamedTuple):
-    """Predictions at a point of the search, with p + 1 condensed residuals and their (p + 1, p) derivatives."""
+    """Predictions for given parameters, with the p + 1 residuals of `_condensed` and their (p + 1, p) derivatives."""
 
     point: _Point
     residuals: np.ndarray
@@ -347,7 +348,8 @@ def _best_point(
     first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
     if np.isfinite(min_likelihood):
         point, residuals, _ = evaluate(first)
-        # If the errors are linear in the parameters, the fit reduces all residuals to zero except the last one.
+        # Only the last condensed residual does not depend on the parameters. The fit reduces all others to zero if the
+        # errors are linear in the parameters.
         predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
         if point.likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
             return point
@@ -462,12 +464,12 @@ def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
 def _likelihood_of(
     predictor: Predictor, gains: Gains, log_noise: np.ndarray, chosen: np.ndarray, free: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return log-likelihood, score and information for noise parameters close to those of the filter.
+    """Return the log-likelihood of noise parameters, its score and its Fisher information.
 
     Args:
         predictor: predictor of the outputs.
-        gains: gains of the filter.
-        log_noise: (c,) logarithms of the noise parameters, one for each group.
+        gains: gains of the filter, for a noise close to the noise parameters.
+        log_noise: (c,) logarithms of the noise parameters, one for each group in `predictor.noise_groups`.
         chosen: indices of the windows that are used.
         free: (f,) indices of the logarithms for which score and information are returned.
     """

@@ -86,7 +86,7 @@ def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
 
 
 def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> EstimatedValue | None:
-    """Return the Gauss-Newton step along a direction from some windows; None if the windows do not determine it."""
+    """Return the Gauss-Newton step along a direction from the windows in a mask; None if they do not determine it."""
     information = np.einsum("i,wij,j->w", direction, evidence.information[mask], direction)
     scores = evidence.scores[mask] @ direction
     if len(scores) < 2 or information.sum() <= 0.0:
@@ -123,8 +123,8 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     forces = []
     for axis, (varying, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
-        # `gains.disturbance` is the prediction for the next sample. Dividing its varying component by the decay gives
-        # the disturbance at this sample.
+        # `gains.disturbance` is the prediction for the next sample, at which the varying force has decayed by the
+        # factor `decay`. Dividing by this factor gives the varying force at this sample.
         components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
         forces.append(components[0] / decay[axis] + components[1])
     return np.stack(forces).swapaxes(1, 2)
@@ -185,7 +185,7 @@ def with_differences(
 
     Args:
         estimates: estimates from all flights.
-        differences: estimated difference of each of F flights.
+        differences: estimated difference of each of F flights from the mean of all flights.
         scenario: initial scenario of the fit.
         duration: mean duration of a flight, s.
     """

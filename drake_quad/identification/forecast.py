@@ -15,12 +15,12 @@ from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.windows import wrapped_angles
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
-# First state component of the rates of change of each signal.
+# For each signal, the row of the model state that contains the rate of change of the signal's first component.
 _RATE_ROWS = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
 
 
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> tuple[ForecastOutput, ...]:
-    """Return the forecast of each output in the windows, for given parameters (p,) and noise."""
+    """Forecast each output of a predictor in its windows, with model parameters (p,) and the noise of the filter."""
     gains = predictor.gains(parameters, noise)
     open_loop_gains = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
     counted = np.flatnonzero(predictor.counted)

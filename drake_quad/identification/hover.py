@@ -121,8 +121,8 @@ def delay_by_correlation(record: FlightRecord) -> float | None:
     """
     if record.attitude is None or record.attitude_command is None:
         return None
-    piece_numbers = segment_numbers(record)
-    longest = record.subset(piece_numbers == np.argmax(np.bincount(piece_numbers)))
+    segments = segment_numbers(record)
+    longest = record.subset(segments == np.argmax(np.bincount(segments)))
     lags = np.arange(max(1, round(_MAX_DELAY / longest.period)))
     peaks = []
     for column in range(2):

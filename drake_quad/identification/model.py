@@ -69,7 +69,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import VehicleState, flying_step, rotor_target
 
 NUM_BODY = len(State._fields)
-NUM_DISTURBANCE = 8
+NUM_DISTURBANCE = 8  # number of components of `Disturbance`
 NUM_ROTORS = len(RotorSpeed._fields)
 # First component of each signal in the model state.
 STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
@@ -101,7 +101,7 @@ class Disturbance(NamedTuple):
 
     @property
     def force(self) -> Vector:
-        """Specific force along the axes of the disturbance, including its constant part, m/s²."""
+        """Disturbing specific force including its constant part, along the axes of the `DisturbanceFrame`, m/s²."""
         return Vector(self.x + self.constant_x, self.y + self.constant_y, self.z)
 
 
@@ -169,14 +169,14 @@ def step(
 def rotors_after(
     rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters
 ) -> RotorSpeed:
-    """Return the rotors at the end of a step."""
+    """Return the rotor speeds at the end of a step."""
     target = _target(rotors, command, span, model_parameters)
     lags = decay_factors(rotors, target, span.span, model_parameters.parameters, model_parameters.effects.spin_down)
     return lagged_speeds(rotors, target, lags)
 
 
 def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters) -> RotorSpeed:
-    """Return the steady state of the rotors under a constant command."""
+    """Return the steady-state rotor speeds under a constant command."""
     return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, model_parameters)
 
 
@@ -425,7 +425,7 @@ class WindowInputs(NamedTuple):
             windows: W windows.
             sizes: sizes of the windows.
             split: number of steps per sample.
-            max_delay: largest delay in either direction, s.
+            max_delay: largest delay, s, from a command to the measurement, or from a measurement to the command.
         """
         period = float(np.median([record.period for record in records])) / split
         margin = int(np.ceil(max_delay / period)) + 2
@@ -487,7 +487,7 @@ class ModelFlight:
         return self._command[:NUM_ROTORS]
 
     def _run(self, formula: Any, *rows: np.ndarray) -> None:
-        """Call a formula of the model with arrays of its results and inputs; the parameters are its last argument."""
+        """Evaluate a formula of the model. `rows` are the arrays of its results, to be overwritten, and its inputs."""
         formula(self._size, 0.0, *(each.reshape(-1) for each in rows), self._numbers)
 
     def _read_inputs(self) -> None:

@@ -82,7 +82,7 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # In a log of heights, or with one command for all motors, all thrusts are near the hover thrust. Such logs
+        # All thrusts are near the hover thrust if only heights are logged, or one command for all motors. Such logs
         # identify only two coefficients of the thrust curve.
         powers = (0, 1, 2) if has_motor_throttles and turning else (0, 1) if turning else (0, 2)
         for i in powers:

@@ -22,14 +22,16 @@ from drake_quad.identification.parameters import Parameter
 
 _INERTIA = tuple(f"inertia[{axis}]" for axis in range(3))
 _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
-# The rows of these matrices are search variables, and the columns are parameters.
+# Matrix from the moments of inertia to the second moments of the mass along x, y and z, which are never negative.
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
+# Matrix from the coefficients of the thrust curve to the thrust at zero throttle, and the slopes of the curve at zero
+# and at full throttle. None of them is negative.
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 # Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
 # point. Identified moments of inertia have errors of at least 0.1 %, so even flat vehicles are above the limit. If the
 # data sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
 _MIN_SECOND_MOMENT = 1e-3
-# Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.
+# Largest thrust at zero throttle, relative to the thrust of a rotor in hover.
 _MAX_IDLE_THRUST = 0.5
 # A variable counts as being at a limit if its distance to the limit is less than this fraction of its scale.
 _LIMIT_TOLERANCE = 1e-3

@@ -187,8 +187,8 @@ class Predictor:
         self.measured = np.ascontiguousarray(np.transpose(measured, (2, 0, 1)))
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
-        # The specific force is not part of the state. Its outputs read component 0 here, and `_predicted` replaces the
-        # values.
+        # The specific force is not part of the state, so its row 0 is a placeholder. `_predicted` overwrites the values
+        # that are read from this row.
         self._output_rows = [STATE_ROWS.get(signal, 0) + column for signal, column in outputs]
         self.rows = _estimated_rows(signals, model.frame)
         self._deviations = _INITIAL_DEVIATIONS.copy()
@@ -238,7 +238,7 @@ class Predictor:
         return state
 
     def _begin(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
-        """Return the model flight at the first measurement for (K, p) parameters, and its state (components, K, W)."""
+        """Return a model flight for (K, p) parameters, and its state (components, K, W) at the first measurement."""
         flight = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
         state, jacobian, reference, _, _ = self.initial
         return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", jacobian, parameters - reference)
@@ -339,8 +339,8 @@ class Predictor:
         Args:
             parameters: (K, p) parameters.
             gains: gains of the filter.
-            keep: index of the measurement before which the state is returned; by default the index of the measurement
-                at which the next window starts.
+            keep: index of a measurement. The returned state is the predicted state just before this measurement. By
+                default, it is the measurement at which the next window starts.
 
         Returns:
             (T, m, K, W) errors, and (NUM_BODY + NUM_DISTURBANCE, K, W) states.
@@ -419,7 +419,7 @@ class Predictor:
             (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
         """
         n, m, W = len(self.rows), len(self.outputs), len(window_indices)
-        # Decay factors of the state, relative to those of the filter.
+        # Decay factors of the state components with each noise, relative to those of the filter with `gains.noise`.
         ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
         ratios[:, NUM_BODY:] = [noise.decay(self.period) / gains.noise.decay(self.period) for noise in noises]
         ratios = ratios[:, self.rows]
@@ -441,8 +441,8 @@ class Predictor:
             update = _update(covariance, output, measurement_noise)
             first_errors = filter_errors[j] - output @ deviation
             corrected = deviation + update.gain @ first_errors - corrections[j]
-            # If the correlation time changes, the disturbance of the filter decays differently. The difference adds to
-            # the deviation of the state.
+            # `deviation` is the difference from the state of the filter. If the correlation time changes, the
+            # disturbance decays by another factor, which changes this difference.
             propagated = transition @ corrected
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
@@ -468,7 +468,7 @@ class _OtherNoises:
     product serves all sets.
 
     Args:
-        ratios: (1 + c, n) factors by which the n state components decay, relative to the filter that was linearised.
+        ratios: (1 + c, n) decay factors of the n state components, relative to those of the filter to be replaced.
         variances: (1 + c, n) variances of the process noise.
         measurement_variances: (1 + c, m) variances of the measurement noise.
         covariances: (1 + c, w, n, n) covariances of the state at the first measurement.
@@ -557,7 +557,7 @@ def _estimated_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
     elif "position" not in signals:
         rows -= position
         if "attitude" not in signals:
-            rows -= {max(attitude)}  # yaw
+            rows -= {max(attitude)}  # the last row of the attitude is the yaw
         if "velocity" not in signals and FORCE not in signals:
             rows -= velocity | force | constant
     if frame == "body":

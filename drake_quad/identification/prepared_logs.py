@@ -34,13 +34,13 @@ from drake_quad.vehicle.motors import thrust_from_throttle
 # averaged.
 _MIN_PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
-# Length of a window, and duration before the window in which the filter settles, s. Windows are shorter if no poses are
-# logged, because the predicted attitude and velocity drift.
+# Length of a window, and duration before the window in which the filter settles, s, for logs with poses and for logs
+# with IMU measurements only. Without poses, the predicted attitude and velocity drift, so windows are shorter.
 _POSE_WINDOW = (1.25, 0.4)
 _IMU_WINDOW = (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s, shortest length of a window
 WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
-# Horizons of forecasts, s.
+# Horizons of forecasts, s, for logs with poses and for logs with IMU measurements only.
 _POSE_HORIZON = 0.5
 _IMU_HORIZON = 0.1
 MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect

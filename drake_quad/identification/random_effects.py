@@ -53,7 +53,7 @@ class Variation(NamedTuple):
         return self._replace(covariance=self.covariance[np.ix_(indices, indices)])
 
     def with_unknown_parameters(self, count: int) -> "Variation":
-        """Return the variation with further parameters at the end, whose variation is unknown."""
+        """Append further parameters, whose variation is unknown. Return the variation of all parameters."""
         unknown = np.diag(np.full(count, np.nan))
         return self._replace(covariance=scipy.linalg.block_diag(self.covariance, unknown))
 
@@ -79,7 +79,7 @@ class FlightSegments(NamedTuple):
 
     @classmethod
     def of(cls, evidence: Evidence) -> "FlightSegments":
-        """Return stretches of consecutive windows. Each contains at least one window."""
+        """Divide the windows of a log into consecutive stretches of at least one window."""
         windows, count = len(evidence.scores), NUM_SEGMENTS
         blocks = np.arange(windows) * count // windows
         prior = np.diag(evidence.scales**-2.0)
@@ -109,7 +109,7 @@ class FlightSegments(NamedTuple):
         )
 
     def step(self) -> np.ndarray:
-        """Return the Gauss-Newton step (p,) from the estimate of all windows to the estimate of these stretches.
+        """Return the Gauss-Newton step (p,) from the estimate of all windows to the estimate from `self`.
 
         It is zero for a parameter that no stretch determines.
         """
@@ -117,7 +117,7 @@ class FlightSegments(NamedTuple):
         return -np.asarray(pseudo_inverse(total, total) @ self.scores.sum(axis=0))
 
     def uncertainty(self) -> Uncertainty:
-        """Return the jackknife uncertainty of the estimate from these stretches."""
+        """Return the jackknife uncertainty of the estimate from `self`."""
         return jackknife(self.information, self.scores + self.information @ self.step())
 
     def variance_between(self) -> np.ndarray:
@@ -172,12 +172,13 @@ def estimate_variation(evidence: Evidence) -> Variation | None:
 
 
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
-    """Return the uncertainty of the mean values of parameters, of which some vary.
+    """Return the uncertainty of the mean value of each parameter over stretches of flight.
 
-    The variance of a parameter that varies is the larger of the variances from short blocks and from whole stretches.
+    If a parameter varies between stretches, its variance is the larger one of two jackknife estimates: over the short
+    blocks of `uncertainty`, and over whole stretches.
 
     Args:
-        uncertainty: uncertainty from shorter blocks.
+        uncertainty: uncertainty by the jackknife over blocks that are shorter than a stretch.
         evidence: evidence of all windows.
         variation: variation of the parameters; None if it is unknown.
     """

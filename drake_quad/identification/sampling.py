@@ -31,7 +31,9 @@ _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4  # smallest number of parts of a log from which the standard deviation of the shift is computed
-_AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and longer than the scatter of two clocks
+# Sampling period to which on-board signals are averaged, s: half of the time constant of a small motor, and longer than
+# the scatter of the time shift between two clocks.
+_AVERAGING_PERIOD = 0.03
 # If the body rates lead the attitude by at least this time, in s, the attitude is the output of an estimator.
 _MIN_LEAD = 2e-3
 
@@ -78,7 +80,7 @@ def synchronise(records: Sequence[FlightRecord]) -> SynchronisedRecords:
 
 
 def _on_board(records: Sequence[FlightRecord], scatter: float) -> SynchronisedRecords:
-    """Return the records without poses, and a remark with the scatter (s) of the shift between the two clocks."""
+    """Remove the poses, and add a remark: the time shift between attitude and body rates has the given scatter (s)."""
     finding = (
         f"the time shift between attitude and body rates varies by {1e3 * scatter:.0f} ms (standard deviation over"
         " parts of two seconds), so their clocks are not synchronised"

@@ -51,7 +51,7 @@ class SyntheticFlights(NamedTuple):
         seconds: time from one waypoint to the next, s.
         overrides: overrides of the scenario that set the condition and the distributions of the parameters.
         nominal: overrides of the scenario that set the initial values of the identification.
-        samples_per_row: number of recorded samples for each row of the log.
+        samples_per_row: number of simulated samples from one row of the log to the next.
     """
 
     scenario: str
@@ -196,7 +196,7 @@ def check_flight(flight: Flight, nominal: Scenario, samples_per_row: int = 1) ->
     Args:
         flight: simulated flight.
         nominal: initial scenario of the identification.
-        samples_per_row: number of recorded samples for each row of the log.
+        samples_per_row: number of simulated samples from one row of the log to the next.
 
     Returns:
         Identified parameters; empty if the log cannot be identified.
@@ -229,7 +229,7 @@ class CheckTask(NamedTuple):
 
 
 def check_batch(task: CheckTask) -> dict[int, list[CheckedParameter]]:
-    """Return the identified parameters of each flight of a task, by sample number."""
+    """Simulate the flights of a task, and return the identified parameters of each flight, by its sample number."""
     known = SYNTHETIC_FLIGHTS[task.flights]
     flights = simulate_samples(known.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
     nominal = known.initial_scenario(task.diagrams)
@@ -240,7 +240,7 @@ def check_batch(task: CheckTask) -> dict[int, list[CheckedParameter]]:
 
 
 def _with_true_values(estimates: Estimates, scenario: Scenario) -> list[CheckedParameter]:
-    """Return the identified parameters with their values in the scenario."""
+    """Return each identified parameter with its true value, which is its value in the scenario."""
     freedom = np.asarray(estimates.degrees_of_freedom)
     columns = zip(estimates.names, estimates.values, estimates.deviations, freedom, strict=True)
     return [

@@ -70,7 +70,7 @@ def common_period(records: Sequence[FlightRecord]) -> float:
 
 
 def segment_numbers(record: FlightRecord) -> np.ndarray:
-    """Return the piece number (n,) of each sample. A new piece starts after each gap in the record."""
+    """Return the segment number (n,) of each sample. A new segment starts after each gap in the record."""
     return np.concatenate([[0], np.cumsum(gaps(record.time))])
 
 

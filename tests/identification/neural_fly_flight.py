@@ -11,8 +11,8 @@ from drake_quad.identification.delays import frame_age
 from drake_quad.scenario.models import Scenario
 
 DIAGRAM = Path(__file__).parent.parent.parent / "diagrams" / "neural_fly.yaml"
-# Thrust of a rotor at full throttle that the autopilot believes, N.
-BELIEVED_MAX_THRUST = 14.27
+# Thrust of a rotor at full throttle that the autopilot assumes, N.
+ASSUMED_MAX_THRUST = 14.27
 # Overrides with initial values that were guessed without a log.
 GUESSED_PARAMETERS = (
     "laboratory.autopilot.natural_frequency=[10, 10, 10]",
@@ -55,7 +55,7 @@ def write_flight(path: Path, scenario: Scenario) -> Path:
         "w": cells(seen[:, 9:12]),
         "p_d": cells(flight["reference"][:, 0:3]),
         "v_d": cells(flight["reference"][:, 3:6]),
-        "T_sp": [f"{thrust / (4.0 * BELIEVED_MAX_THRUST):.9g}" for thrust in target[:, 0]],
+        "T_sp": [f"{thrust / (4.0 * ASSUMED_MAX_THRUST):.9g}" for thrust in target[:, 0]],
         "q_sp": quaternions(target[:, 1:4]),
         "fa": cells(mass * acceleration - target[:, :1] * up),
     }

@@ -51,7 +51,7 @@ def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
 
 @pytest.mark.long
 def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
-    """The rotors of the data sheet are too slow for the gains of the flight."""
+    """The rotors of the data sheet vehicle are slower than those that flew, and too slow for the controller gains."""
     status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIO_FILE}:sheet_08", "--samples", 1, "--output", tmp_path)
     assert status == 0
     assert re.search(r"^RMSE +all +5\.65 +crash +–$", printed, re.MULTILINE)

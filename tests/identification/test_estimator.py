@@ -44,7 +44,8 @@ def test_scale_error_drift_and_correlation_time_are_recovered(noise):
     assert abs(found.scale_error[0].value - SCALE_ERROR) < 3.0 * found.scale_error[0].deviation
     assert found.scale_error[0].deviation < 0.02
     assert [fraction.value for fraction in found.scale_error[1:]] == [0.0, 0.0]
-    # Standard deviation of the means over 0.1 s of this process. 240 independent values determine it to 5 %.
+    # Standard deviation of means over 0.1 s of the correlated velocity error. The log contains 240 independent values,
+    # which determine it to 5 %.
     ratio = 0.1 / CORRELATION_TIME
     seen = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
     np.testing.assert_allclose(found.drift, seen, rtol=0.15)
@@ -147,7 +148,7 @@ def test_the_first_half_second_of_a_log_is_left_out():
         )
 
 
-def test_a_scale_error_is_a_regression_slope_over_the_mean_velocity():
+def test_a_scale_error_is_the_slope_of_the_velocity_error_over_the_velocity():
     """The expected estimate follows from means over 0.1 s, and its standard deviation from blocks of 0.5 s."""
     log = made(12.0, speed=0.7)
     # The speed is below the minimum of 0.15 m/s RMS along y, and above it along z.
@@ -190,7 +191,7 @@ def test_the_noise_of_mean_velocities_follows_from_white_position_noise():
         ends = tuple(np.arange(10.0, 20.0, 0.01) + 0.01 * fraction + offset for offset in (0.1, 0.0))
         found = estimator._noise(noise, log, ends)
         assert found == pytest.approx(2.0 * factor * (2e-3 / 0.1) ** 2, rel=0.02)
-    # A straight line contains no noise.
+    # A signal that rises at a constant rate contains no noise.
     assert estimator._noise(3.0 * time, log, ends) == pytest.approx(0.0, abs=1e-12)
 
 
@@ -229,7 +230,7 @@ def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     time = PERIOD * np.arange(2500)
     drag, speed = 0.03, np.sin(2.0 * time)
-    # The wind is chosen so that air speed v and acceleration a satisfy m a = -drag v + m g tan(tilt) without a tilt.
+    # The vehicle is level. The wind is chosen so that air speed v and acceleration a satisfy m a = -drag v.
     velocity = np.column_stack([speed, 0.0 * time, 0.0 * time])
     acceleration = 2.0 * np.cos(2.0 * time)
     wind = velocity + np.column_stack([MASS * acceleration / drag, 0.0 * time, 0.0 * time])
@@ -265,7 +266,7 @@ def test_drag_is_estimated_from_means_over_a_tenth_of_a_second_without_the_ends_
 
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
 def test_noise_is_estimated_from_steps_of_at_most_twenty_milliseconds(period, steps):
-    assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps
+    assert estimator._noise_steps(FlightRecord("log", period * np.arange(10.0))) == steps
 
 
 def test_the_standard_deviation_of_a_slope_follows_from_the_scatter_between_blocks():
@@ -276,7 +277,7 @@ def test_the_standard_deviation_of_a_slope_follows_from_the_scatter_between_bloc
     found = estimator._slope(np.column_stack([air, np.ones_like(air)]), force, blocks, "N s/m")
     slope, intercept = np.polyfit(air, force, 1)
     assert found.value == pytest.approx(slope)
-    # The slope is a sum over samples with the weights (air - mean) / Σ (air - mean)².
+    # The slope is the sum of the forces, each with the weight (v - mean v) / Σ (v - mean v)² for the air speed v.
     weights = (air - air.mean()) / np.sum((air - air.mean()) ** 2)
     sums = (weights * (force - slope * air - intercept)).reshape(8, 5).sum(axis=1)
     assert found.deviation == pytest.approx(np.sqrt(8.0 / 7.0 * np.sum(sums**2)))

@@ -47,7 +47,7 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
         expected += 3 / 4 * 0.5 * (first.T @ then + then.T @ first)
     inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
     expected += inverse @ np.diag(prior) @ inverse
-    # No variance is below the variance of the model.
+    # Each variance is at least the variance for a correct model, which is on the diagonal of `inverse`.
     wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
     found = PredictionFit(whole, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ whole, prior)
     if adjacent:
@@ -60,7 +60,7 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
     np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
 
 
-def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_the_model_variance() -> None:
+def test_the_jackknife_variance_is_at_least_the_variance_for_a_correct_model() -> None:
     information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
     scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
     found = jackknife(information, scores)
@@ -134,8 +134,8 @@ def test_score_and_information_match_normally_distributed_errors() -> None:
 
 
 @pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
-def test_few_windows_are_split_into_at_least_sixty_parts_in_order_of_time(windows: int, parts: int) -> None:
-    """All outputs of a sample stay in the same part."""
+def test_evidence_has_at_least_sixty_parts_because_few_windows_are_split(windows: int, parts: int) -> None:
+    """The parts are in the order of time. All outputs of a sample stay in the same part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
     found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
@@ -278,7 +278,7 @@ def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool)
 
 
 class DriftingPredictor(LinearPredictor):
-    """Stub of a predictor of a mean, whose measurements change at the start of each round of the fit."""
+    """Stub of a predictor of a constant. The measured constant changes at the start of each round of the fit."""
 
     def __init__(self, moves: list[float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.zeros((40, 5)))
@@ -347,7 +347,7 @@ def test_fitting_rounds_continue_while_a_disturbance_changes(
 
 
 class WhiteningPredictor(LinearPredictor):
-    """Predictor of a mean, whose prediction errors have a standard deviation that depends on the disturbance."""
+    """Predictor of a constant. The standard deviation of its errors is a function of the disturbing torque."""
 
     def __init__(self, mean: float, deviation: Callable[[float], float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.full((40, 5), mean))
@@ -384,7 +384,7 @@ def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: 
     assert (found is at) == (best == 8.0)
     # The filter gains for the returned noise are computed only once.
     assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
-    # Likelihood and gains belong to the returned noise.
+    # The returned likelihood and gains were computed with the returned noise.
     deviation = predictor.deviation(expected)
     assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
     np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
@@ -422,11 +422,10 @@ def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered:
 
 
 @pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
-def test_a_smaller_disturbance_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fits: bool) -> None:
-    """The derivatives predict that the log-likelihood increases by 100.
-
-    A search may increase it by up to three times as much.
-    """
+def test_a_smaller_disturbance_is_fitted_only_if_the_search_may_reach_the_required_likelihood(
+    ratio: float, fits: bool
+) -> None:
+    """The derivatives predict that a search increases the log-likelihood by 100. Up to 300 are assumed possible."""
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
     parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
@@ -436,14 +435,14 @@ def test_a_smaller_disturbance_is_fitted_only_if_it_may_become_likely_enough(rat
     assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
 
 
-def test_a_search_evaluates_its_result_once() -> None:
+def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
     """The result contains predictions that the search has computed, even if the search rejects its last step."""
     points: list[bytes] = []
 
     class Kinked(LinearPredictor):
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
             points.append(parameters[0].tobytes())
-            # The errors change sign abruptly at 0.9, so steps to 1 are rejected.
+            # The prediction errors grow steeply if the parameter exceeds 0.9, so the search rejects steps to 1.
             theta = np.where(parameters > 0.9, 0.9 + 30.0 * (parameters - 0.9), parameters)
             return super().errors(theta)
 
@@ -480,7 +479,9 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
-def test_smaller_disturbing_forces_and_torques_are_tried_separately(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+def test_disturbing_forces_are_reduced_without_the_torques_and_vice_versa(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
     """The likelihood depends either on the forces or on the torques, and only these are reduced."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
@@ -579,7 +580,8 @@ def test_a_scoring_step_that_lowers_the_likelihood_is_shortened(monkeypatch: pyt
     assert distances[1] > 2.0 * distances[0]
     assert np.linalg.norm(found - best) == pytest.approx(min(distances))
     assert len(likelihood.asked) == 6
-    # Derivatives are computed where the next step begins: at the start, and where a step has made the noise likelier.
+    # Derivatives are computed only where a step begins: at the start, and after each step that increased the
+    # likelihood.
     likelier = [i for i in range(6) if distances[i] == min(distances[: i + 1])]
     assert len(likelier) > 1
     expected = [likelihood.asked[i] for i in likelier if i < 5]
@@ -601,7 +603,7 @@ def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
-def test_noise_changes_by_at_most_a_factor_of_twelve_within_its_limits(
+def test_noise_parameters_change_by_at_most_a_factor_of_twelve_and_stay_inside_their_limits(
     monkeypatch: pytest.MonkeyPatch, direction: float
 ) -> None:
     """The limits are 1e-5 and 100 (noise), 1e-3 and 1e3 (disturbance), and 0.02 s and 20 s (correlation time).
@@ -624,7 +626,7 @@ def test_noise_changes_by_at_most_a_factor_of_twelve_within_its_limits(
     found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))
     np.testing.assert_allclose(found, limits)
     if direction > 0.0:
-        # If disturbances act along the axes of the body, the limit applies to all forces.
+        # If disturbances act along the axes of the body, the limit of 0.25 s applies to the forces on all three axes.
         body = PredictionNoise(near.measured, near.disturbance, np.full(6, 0.1))
         found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body, frame="body"))
         np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
@@ -694,7 +696,8 @@ class DelayedPredictor:
 
 
 def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None:
-    """The central difference across the kink is the mean, 5, of the one-sided derivatives 4 and 6."""
+    """The outputs have a kink at a delay of one sample, with the one-sided derivatives 4 and 6. The central difference
+    is 5."""
     predictor = DelayedPredictor()
     at = np.array([0.7, predictor.period])
     point = fitting._Point.at(predictor, np.array([0.7, 0.02]), at, predictor.gains)  # type: ignore[arg-type]
@@ -703,7 +706,7 @@ def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None
     np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
     np.testing.assert_allclose(point.states, 2.1 * predictor.states)
     np.testing.assert_allclose(point.state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
-    # Above the kink, both one-sided derivatives are equal.
+    # For delays longer than one sample, both one-sided derivatives are equal.
     above = at + np.array([0.0, 0.0051])
     point = fitting._Point.at(predictor, np.array([0.7, 0.02]), above, predictor.gains)  # type: ignore[arg-type]
     np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
@@ -778,10 +781,10 @@ def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_info
     assert found[-1, -1] >= 999.0
 
 
-def test_smaller_disturbances_are_tried_as_long_as_the_likelihood_increases(
+def test_the_disturbance_is_reduced_again_as_long_as_the_likelihood_increases(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Two trials improve the torque, and no trial improves the force.
+    """Two trials with smaller torques increase the likelihood, and no trial with smaller forces does.
 
     Smaller torques and forces are tried again in the fourth of eight rounds.
     """

@@ -133,7 +133,7 @@ def test_parts_of_windows_belong_to_the_flight_of_their_window() -> None:
     np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
 
 
-def test_the_error_of_a_thrust_difference_is_the_jackknife_estimate_over_the_windows_of_a_flight() -> None:
+def test_the_standard_deviation_of_a_thrust_difference_follows_from_the_jackknife_over_windows() -> None:
     evidence, predictor = evidence_of(np.array([0.05, -0.05]))
     scores = evidence.scores + 20.0 * np.random.default_rng(5).normal(size=evidence.scores.shape)
     logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
@@ -293,7 +293,7 @@ def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() ->
     np.testing.assert_allclose(new.covariance[0, 0], 1e-4)
 
 
-def test_two_flights_give_no_spread_and_logs_without_poses_give_no_trim_force() -> None:
+def test_variation_between_flights_is_estimated_from_at_least_three_flights() -> None:
     own, scenario = estimates(), load_scenario("hover")
     assert with_differences(own, differences([0.1, -0.1], [0.1, -0.1]), scenario, 20.0) is own
     found = with_differences(own, differences([0.1, 0.0, -0.1], None), scenario, 20.0)
@@ -315,9 +315,8 @@ def test_a_trim_force_is_estimated_only_if_all_flights_have_forces() -> None:
     assert with_differences(turning, flights, scenario, 20.0).names == ("inertia[0]",)
 
 
-def test_the_error_of_the_mean_trim_force_combines_all_flights() -> None:
-    """The degrees of freedom follow Satterthwaite's formula. The variation of a trim force within a flight is
-    unknown."""
+def test_the_variance_of_the_mean_trim_force_is_the_mean_variance_of_all_flights_over_their_number() -> None:
+    """The degrees of freedom follow Satterthwaite's formula."""
     varying = replace(estimates(), variation=Variation(np.diag([1e-4, 0.0, 0.0]), 9.0, 8.0))
     deviations, freedoms = np.array([0.03, 0.1, 0.02, 0.05]), np.array([8.0, 4.0, 12.0, 20.0])
     trims = zip([0.1, 0.3, -0.4, 0.2], deviations, freedoms)

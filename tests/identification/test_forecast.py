@@ -13,6 +13,7 @@ NUM_SETTLING_SAMPLES = 3
 NUM_FORECAST_SAMPLES = 6
 NUM_WINDOWS = 4
 NOISE = SimpleNamespace(measured=np.array([1e-3, 2e-3, 3e-3, 4e-3]))
+# Signal and index of the axis of each output.
 OUTPUTS = (("position", 1), ("attitude", 2), ("body_rates", 0), (FORCE, 2))
 
 
@@ -57,8 +58,8 @@ def predictor():
     return made, kept, curved, state
 
 
-def test_a_forecast_is_compared_with_coasting(predictor):
-    """Coasting means constant velocity, constant rates of the angles, constant body rates and the mean force."""
+def test_the_explained_variance_of_a_forecast_is_relative_to_a_motion_at_constant_rates(predictor):
+    """The baseline has constant velocity, constant angular rates, constant body rates and the mean specific force."""
     made, _, curved, state = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)
     explained = [output.explained_variance for output in found]
@@ -72,7 +73,7 @@ def test_a_forecast_is_compared_with_coasting(predictor):
     np.testing.assert_allclose(found[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
 
 
-def test_forecast_windows_follow_one_another_in_time(predictor):
+def test_forecast_windows_are_adjacent_in_time(predictor):
     """The outputs have the units of their signals."""
     made, *_ = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)

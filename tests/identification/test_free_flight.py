@@ -59,7 +59,7 @@ def test_a_vehicle_that_never_flies_is_refused(height):
 
 
 def test_two_samples_are_the_shortest_flight():
-    """Samples exactly 0.25 m above the ground do not count as flight."""
+    """Free flight is more than 0.25 m above the ground, which is at 0.3 m."""
     height = np.where((TIME > 2.0) & (TIME < 6.0), 0.55, 0.3)
     for count in (1, 2):
         height[300 : 300 + count] = 0.56
@@ -79,7 +79,7 @@ def test_rotors_idle_below_half_of_the_median_command_of_the_samples_in_which_th
     assert (part == FreeFlight(0, 1000, None)) == (fraction > 0.5)
 
 
-def test_a_vehicle_has_lifted_off_three_millimetres_above_the_ground():
+def test_lift_off_is_where_the_height_above_the_ground_exceeds_three_millimetres():
     height = HEIGHT.copy()
     height[150:200] = 0.3029
     assert free_flight(record_of(height)).lift_off >= 199

@@ -76,15 +76,14 @@ def hovering(seconds=20.0, **signals):
 
 
 def test_noise_is_estimated_only_far_from_take_off_and_landing():
-    """Samples within 2 s of flight do not count as rest."""
+    """Samples within 2 s of a flight are not used to estimate the noise at rest."""
     random = np.random.default_rng(2)
     time = 0.01 * np.arange(3000)
     commanded = np.where((time > 8.0) & (time < 20.0), 0.5, 0.0)
     logged = FlightRecord("log", time, thrust_command=commanded, position=np.zeros((3000, 3)))
     (noise,) = white_noise(logged)
     np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
-    # Only samples from 9 s to 19 s count as flight. Samples near take-off and landing count neither as rest nor as
-    # flight.
+    # The noise in flight is estimated between 9 s and 19 s. Samples near take-off and landing are not used.
     loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
     position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
     (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
@@ -92,7 +91,7 @@ def test_noise_is_estimated_only_far_from_take_off_and_landing():
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
 
 
-def test_noise_follows_from_third_differences_and_the_sum_of_their_squared_coefficients():
+def test_noise_is_the_size_of_third_differences_over_the_norm_of_their_coefficients():
     """The third differences of an alternating signal are eight times its amplitude."""
     values = 1e-3 * np.outer(np.where(np.arange(400) % 2, 1.0, -1.0), [1.0, 2.0, 3.0])
     (noise,) = white_noise(FlightRecord("log", 0.01 * np.arange(400), position=values))
@@ -166,7 +165,7 @@ def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
     attitude = np.zeros_like(command)
     attitude[lag:, axis] = command[: 2000 - lag, axis]
     time = 0.01 * np.arange(2000) + np.where(np.arange(2000) > 500, 1.0, 0.0)
-    # The shorter piece before the gap has another delay, which is ignored.
+    # The shorter part of the log, before the gap, has another delay, which is ignored.
     attitude[:500] = np.roll(command[:500], 3, axis=0)
     logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
@@ -183,11 +182,14 @@ def test_a_response_after_0_3_s_is_not_taken_as_a_delay():
     assert delay_by_correlation(logged) == pytest.approx(0.1)
 
 
-def test_a_log_with_one_sample_per_second_gives_no_delay_and_a_single_block_no_standard_deviation():
+def test_the_delay_from_a_log_with_one_sample_per_second_is_zero():
     command = np.random.default_rng(6).normal(size=(50, 3)).cumsum(axis=0)
     assert (
         delay_by_correlation(FlightRecord("slow", np.arange(50.0), attitude=command, attitude_command=command)) == 0.0
     )
+
+
+def test_a_mean_over_a_single_block_has_no_standard_deviation():
     mean = hover._mean(np.array([3.0, 5.0]), np.array([7, 7]), "N")
     assert (mean.value, mean.unit, mean.degrees_of_freedom) == (4.0, "N", 1.0)
     assert np.isnan(mean.deviation)
@@ -200,7 +202,7 @@ def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller
     found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
     ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
     assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
-    # All thrusts are equal, so 1 / K is averaged over the four motors.
+    # All motors have the same thrust K u², so the squared throttle u² is proportional to 1 / K, which is averaged.
     expected = level / np.mean(1.0 / weak)
     assert found["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
 

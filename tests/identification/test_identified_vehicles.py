@@ -174,7 +174,7 @@ def crazyflie() -> Scenario:
 
 
 @pytest.mark.long
-def test_the_published_crazyflie_is_identified() -> None:
+def test_identified_crazyflie_parameters_agree_with_published_values() -> None:
     """Lag, inertia about x and y, and thrust curve agree with arXiv 2404.07837, which used the same logs."""
     logs = sorted(Path("tests/data/crazyflie/arpl").glob("log*"))[:2]
     estimates = identify([read_log(path) for path in logs], crazyflie(), held_out_fraction=0.0).estimates

@@ -76,7 +76,7 @@ def test_a_vehicle_identified_from_throttles_has_throttle_motors(rotors):
     assert scenario is rotors
 
 
-def test_the_thrust_curve_holds_for_the_voltage_of_the_vehicle_or_for_the_median_in_flight(rotors):
+def test_the_voltage_of_the_thrust_curve_is_that_of_the_vehicle_or_else_the_median_in_flight(rotors):
     def voltage(scenario, **signals):
         logs, _ = prepared_logs.prepare([record(6.0, *POSE_SIGNALS, **signals)], scenario)
         return logs.voltage
@@ -94,7 +94,7 @@ def test_the_thrust_curve_holds_for_the_voltage_of_the_vehicle_or_for_the_median
     assert voltage(rotors, battery_voltage=throttles["battery_voltage"]) is None
 
 
-def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitudes):
+def test_the_specific_force_is_computed_from_the_residual_force_and_the_commanded_thrust(attitudes):
     """The residual is the force other than weight and commanded thrust, along the axes of W."""
     angles = np.tile([0.3, -0.2, 1.0], (5, 1))
     force = np.array([0.5, -1.0, 2.0])
@@ -256,7 +256,7 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     assert set(found) == {"linear_drag", "inertia[0]"}
 
 
-def test_drag_below_the_disturbing_force_is_not_identified_with_a_reason(rotors):
+def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_given(rotors):
     """The drag coefficient is 0.2 N s/m. The vehicle moves at 1 m/s in x and y, so the drag force is 0.2 N.
 
     The wind causes an acceleration of 0.1 or 0.3 m/s².
@@ -278,7 +278,7 @@ def test_drag_below_the_disturbing_force_is_not_identified_with_a_reason(rotors)
             assert found["linear_drag"] == expected
 
 
-def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_not_identified_with_a_reason():
+def test_an_angle_response_is_not_identified_if_the_angle_command_is_below_the_noise():
     commands = np.zeros((300, 3))
     commands[:, 0] = 0.2 * np.sin(np.arange(300))
     log = record(6.0, *POSE_SIGNALS, attitude_command=commands)
@@ -295,7 +295,7 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_not_identi
 
 
 def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
-    """The speed is averaged over 0.1 s, so noise and vibration at 10 Hz do not count."""
+    """The speed is averaged over 0.1 s, so noise and vibration at 10 Hz do not increase it."""
     time = 0.02 * np.arange(200)
     outputs = [Output("position", column) for column in range(3)]
     names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")
@@ -318,7 +318,7 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
     assert held(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
     vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, still])
     assert held(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
-    # Samples in which the filter settles and logs without positions do not count.
+    # Motion while the filter settles is ignored. In logs without horizontal positions, no parameter is excluded.
     late = np.where(time[:, None] < 2.0, both, both[100])
     assert held(late, [0.5 * limit] * 3, first=100) == {"linear_drag", "body_drag.linear[0]", "body_drag.linear[1]"}
     assert held(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()

@@ -55,7 +55,10 @@ def noise_of(outputs, *, force=1e-3):
 
 
 def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, noise=None, strength=1e3) -> PredictionFit:
-    """Return a fit at the prior means; its errors depend on each parameter relative to the prior standard deviation."""
+    """Return a fit at the prior means with random errors and derivatives.
+
+    The derivatives are inversely proportional to the prior standard deviations of the parameters.
+    """
     random = np.random.default_rng(seed)
     size = len(predictor.outputs) * predictor.sizes.length
     scales = np.array([parameter.scale for parameter in parameters])
@@ -155,7 +158,7 @@ def test_parameters_hidden_by_a_disturbance_are_fixed_in_a_further_fit(monkeypat
 
 
 @pytest.mark.parametrize(("period", "latency", "start"), [(0.01, 0, 0.01), (0.05, 0, 0.025), (0.01, 12, 0.075)])
-def test_the_initial_delay_is_the_age_of_a_camera_frame_within_limits(monkeypatch, period, latency, start):
+def test_the_initial_delay_is_the_age_of_a_camera_frame_clipped_to_limits(monkeypatch, period, latency, start):
     """The initial delay is at least half a sample and at most half of the largest delay."""
     overrides = [f"laboratory.motion_capture.latency_frames={latency}", "laboratory.motion_capture.period=0.01"]
     scenario = load_scenario("laboratory:low_wind", overrides)
@@ -175,7 +178,7 @@ def test_the_initial_delay_is_the_age_of_a_camera_frame_within_limits(monkeypatc
     assert given == pytest.approx([start, MAX_DELAY])
 
 
-def test_an_identified_vehicle_has_the_estimates_and_the_delay_in_ticks_of_the_link(rotors):
+def test_an_identified_vehicle_has_the_estimated_values_and_the_estimated_total_delay(rotors):
     logs, _ = prepare([log_of(5.0)], rotors)
     for delay, expected in ((frame_age(rotors) + 0.013, frame_age(rotors) + 0.013), (0.0, frame_age(rotors))):
         found = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
@@ -192,7 +195,7 @@ def test_an_identified_vehicle_has_the_estimates_and_the_delay_in_ticks_of_the_l
 
 
 def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None):
-    """Return the result of a fit, with the fit and its predictor."""
+    """Return the identification from a made fit, and the fit, its predictor and its parameters."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
     parameters = module.parameters_of(
@@ -205,7 +208,7 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     return found, fitted, predictor, parameters
 
 
-def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(monkeypatch, rotors):
+def test_estimates_have_the_uncertainty_of_the_fit_and_exclude_the_delay(monkeypatch, rotors):
     found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
     names, estimates = parameter_names(parameters), found.estimates
     own = [i for i, name in enumerate(names) if name != DELAY]
@@ -216,8 +219,8 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
     number = len(own)
     np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(own, own)])
     np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[own])
-    # The fit estimates the variance of the logarithm of the noise, which is the relative variance of the noise. All
-    # measurements count as degrees of freedom.
+    # The fit gives the variance of the logarithm of each noise level, which is the relative variance of the noise
+    # level. The number of measurements is the number of degrees of freedom.
     variances = np.linspace(1e-4, 2e-4, 18)[[0, 3]] * np.square([1e-3, 4e-3])
     np.testing.assert_allclose(estimates.covariance[number:, number:], np.diag(variances))
     np.testing.assert_array_equal(estimates.covariance[number:, :number], 0.0)
@@ -307,7 +310,7 @@ def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch
     assert found.estimates.not_identified["inertia[0]"] == "commands are missing"
 
 
-def test_the_explained_fraction_of_a_parameter_comes_from_the_most_sensitive_output():
+def test_a_parameter_is_listed_with_the_explained_variance_of_its_most_sensitive_output():
     """The most sensitive output has the largest sum of squared derivatives over all windows."""
     outputs = [Output("position", 0), Output("position", 2), Output("attitude", 1)]
     parameters = [Parameter(name, 1.0, 1.0) for name in ("mass", DELAY, "inertia[1]", "linear_drag")]
@@ -321,7 +324,8 @@ def test_the_explained_fraction_of_a_parameter_comes_from_the_most_sensitive_out
     fractions = {"x": np.nan, "z": 0.5, "pitch": 0.9}
     shown = [ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()]
     found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
-    # An output that does not vary explains nothing; a delay is not a parameter of the vehicle.
+    # No variance is listed for `linear_drag`, whose output x does not vary, or for the delay, which is no parameter of
+    # the vehicle.
     assert found == {"mass": ExplainedVariance(0.5, "z"), "inertia[1]": ExplainedVariance(0.9, "pitch")}
 
 
@@ -358,7 +362,7 @@ def test_undetermined_parameters_have_a_reason():
     assert set(module.undetermined_parameters(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 
-def test_remarks_on_the_clocks_and_on_fast_commands_follow_those_of_the_fit(monkeypatch, rotors):
+def test_remarks_on_clocks_and_on_fast_commands_are_listed_after_remarks_on_the_fit(monkeypatch, rotors):
     found = module.Identification(None, rotors, (), remarks=("first",))
     monkeypatch.setattr(module, "_identified", lambda *_: found)
     monkeypatch.setattr(module, "synchronise", lambda records: module.SynchronisedRecords(records, False, ["clocks"]))

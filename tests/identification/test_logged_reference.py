@@ -67,7 +67,7 @@ def test_rounded_and_held_values_hardly_change_the_path(velocity):
     assert distance(found, PATH, 1.0) > 5e-3
 
 
-def test_the_route_rests_at_the_first_position_before_the_log():
+def test_before_the_log_starts_the_route_rests_at_the_first_logged_position():
     knots = logged_reference(logged(PATH), rest=3.0).route.knots
     for knot in (knots[0], knots[1], knots[2]):
         np.testing.assert_allclose(knot.position, POINTS[0], atol=1e-4)
@@ -83,7 +83,7 @@ def test_a_log_that_begins_in_motion_is_preceded_by_a_run_up():
     np.testing.assert_allclose(evaluate(path, [4.0], 1).T[0], record.reference_velocity[0], atol=1e-2)
     assert np.linalg.norm(record.reference_velocity[0]) > 0.5
     np.testing.assert_array_equal(found.route.knots[0].velocity, 0.0)
-    # The run-up accelerates without reversing and without exceeding the first speed by much.
+    # The run-up does not reverse, and hardly exceeds the speed at the first sample of the log.
     along = evaluate(path, np.linspace(0.0, 4.0, 200), 1).T @ record.reference_velocity[0]
     full = np.linalg.norm(record.reference_velocity[0]) ** 2
     assert -0.1 * full < along.min() <= along.max() < 1.3 * full
@@ -99,8 +99,8 @@ def test_a_gap_is_filled_smoothly():
 
 
 @pytest.mark.parametrize("velocity", [True, False])
-def test_a_gap_at_the_beginning_is_filled_from_rest(velocity):
-    """Two equal samples show that the reference rests; the minimum-snap path is near the true one."""
+def test_a_path_across_a_gap_at_the_beginning_starts_at_rest(velocity):
+    """Two equal samples show that the reference rests. The minimum-snap path across the gap is near the true path."""
     record = logged(PATH)
     speed = np.vstack([np.zeros((2, 3)), record.reference_velocity[200:]])
     resting = FlightRecord(
@@ -143,7 +143,7 @@ def jumping(*, period=0.004, **signals):
     return replace(record, reference_position=position)
 
 
-def test_a_reference_that_jumps_consists_of_its_setpoints():
+def test_the_route_of_a_jumping_reference_consists_of_the_logged_setpoints():
     """Every logged value is held exactly from its sample to the next."""
     record = replace(jumping(), reference_yaw=np.linspace(3.0, 3.4, 1100) % (2.0 * np.pi) - 2.0 * np.pi)
     found = logged_reference(record, rest=1.5)
@@ -158,7 +158,7 @@ def test_a_reference_that_jumps_consists_of_its_setpoints():
 
 
 def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
-    """Setpoints before the lift-off do not count; the clock of the route begins at the lift-off."""
+    """Setpoints before the lift-off are left out. The clock of the route begins at the lift-off."""
     standing = np.array([0.3, -0.2, 0.06])
     record = jumping()
     record = replace(record, position=np.tile(standing, (len(record.time), 1)))
@@ -189,7 +189,7 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
     found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # The path has as few knots as the given largest spacing allows.
+    # The path has the smallest number of knots that are at most `spacing` apart.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):
@@ -210,7 +210,7 @@ def test_a_value_that_is_held_briefly_counts_once_at_the_middle_of_the_hold():
     sent, kept = reference._without_repetitions(time, [values[:, None]])
     expected = [(0.01, 0.0), (0.03, 1.0), (0.065, 2.0), *((0.01 * k, 3.0) for k in range(10, 17))]
     np.testing.assert_allclose(np.column_stack([sent, kept[:, 0]]), expected)
-    # If the velocity changes, the sample counts even if the position does not change.
+    # A sample with the same position but another velocity is not a repetition, and is kept.
     sent, place, speed = reference._without_repetitions(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
     np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
 
@@ -263,7 +263,7 @@ def test_knots_are_at_most_the_given_distance_apart(end, pieces):
     np.testing.assert_allclose(evaluate(found, time)[0], np.sin(time), atol=1e-5)
 
 
-def test_the_yaw_has_the_knots_of_the_whole_route():
+def test_the_yaw_knots_cover_the_whole_route():
     record = logged(PATH)
     for rest in (0.0, 2.0):
         first, last = reference._yaw_knots(record, rest)
@@ -295,7 +295,7 @@ def test_a_yaw_of_cubic_pieces_is_recovered_with_its_rates():
     np.testing.assert_allclose([[knot.yaw, knot.yaw_rate] for knot in knots], rows[:, :, 0], atol=1e-4)
 
 
-def test_the_run_up_has_a_constant_acceleration_during_half_of_the_rest():
+def test_the_approach_to_the_first_knot_accelerates_during_half_of_the_initial_phase():
     first = reference.Knot(time=0.0, position=(1.0, 2.0, 3.0), velocity=(0.4, 0.0, -0.8))
     begin, away = reference._approach(first, 3.0)
     assert (begin.time, away.time) == (0.0, 1.5)
@@ -304,7 +304,7 @@ def test_the_run_up_has_a_constant_acceleration_during_half_of_the_rest():
 
 
 @pytest.mark.parametrize("rest", [0.0, 1.0])
-def test_two_equal_samples_without_velocity_show_a_reference_at_rest(monkeypatch, rest):
+def test_a_reference_whose_first_two_samples_are_equal_starts_at_rest(monkeypatch, rest):
     """If velocities are logged, the velocities of both samples must be zero as well."""
     asked = []
     fitted = reference._fitted_path
@@ -377,7 +377,7 @@ def test_velocities_that_contradict_the_positions_are_ignored_and_reported():
     assert logged_reference(record, rest=1.0).velocity_deviation is None
 
 
-def test_equal_samples_of_a_slow_reference_all_count():
+def test_repeated_samples_of_a_slow_reference_are_kept():
     """The log contains three equal samples of the reference at rest, before the reference moves."""
     time = 0.02 * np.arange(50)
     place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
@@ -422,7 +422,7 @@ def test_a_smooth_reference_begins_at_the_lift_off():
 
 @pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
 def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind):
-    """A smooth path from the reference at lift-off would leave out the climb to this reference."""
+    """If the vehicle lifts off far below the reference, a smooth path that starts on the reference omits the climb."""
     flown = logged(PATH, velocity=False).reference_position
     place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
     standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))

@@ -1,4 +1,4 @@
-"""Attitudes of logs are converted to the rotations of SciPy."""
+"""Conversion of logged attitudes to `scipy.spatial.transform.Rotation`."""
 
 import numpy as np
 import pytest

@@ -131,7 +131,7 @@ def test_a_log_with_a_repaired_fault_is_compared_like_a_correct_log(without):
 @pytest.mark.parametrize(
     ("period", "step", "is_gap"), [(0.01, 0.045, False), (0.01, 0.055, True), (0.05, 0.145, False), (0.05, 0.155, True)]
 )
-def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(period, step, is_gap):
+def test_a_time_step_is_a_gap_if_it_exceeds_three_samples_and_50_ms(period, step, is_gap):
     """Missing samples of a fast log are interpolated linearly if they span less than 50 ms."""
     time = period * np.arange(400.0)
     time[200:] += step - period
@@ -146,7 +146,7 @@ def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(peri
 
 
 @pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
-def test_the_grid_averages_the_middle_of_a_log_over_its_steps(period, seconds):
+def test_grid_values_are_means_over_grid_steps_in_the_middle_of_the_log(period, seconds):
     """The grid has at most 6000 steps of at least 10 ms. The mean of a ramp over a step is its value in the middle."""
     time = period * np.arange(round(seconds / period) + 1.0)
     grid = _on_grid({"position": np.column_stack([time, 2.0 * time, -time])}, time)
@@ -156,9 +156,9 @@ def test_the_grid_averages_the_middle_of_a_log_over_its_steps(period, seconds):
     assert len(middles) == pytest.approx(count, abs=1)
     np.testing.assert_allclose(np.diff(middles), grid.step)
     assert np.mean(middles) == pytest.approx(0.5 * seconds, abs=2.0 * grid.step)
-    # A window has one step at least.
+    # A window has at least one step.
     assert (grid.samples(1e-3), grid.samples(0.6)) == (1, round(0.6 / grid.step))
-    # A constant velocity shows no acceleration.
+    # A vehicle at constant velocity does not accelerate, so the grid does not count as moving.
     assert not grid.is_moving
     assert _on_grid({"position": np.zeros((49, 3))}, 0.01 * np.arange(49.0)) is None
     assert _on_grid({"position": np.zeros((51, 3))}, 0.01 * np.arange(51.0)) is not None
@@ -377,8 +377,8 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
 
 
-def test_the_shift_of_a_slow_log_is_found_between_its_samples():
-    """The largest shift is one sample at four samples per second. No shift can be found at one sample per second."""
+def test_a_time_shift_of_less_than_one_sample_is_found():
+    """Shifts of up to 0.3 s are tried. This is one sample at four samples per second, and none at one per second."""
     time = 0.25 * np.arange(400.0)
 
     def signal(at):
@@ -437,15 +437,15 @@ def test_the_magnitude_of_a_force_is_compared_outside_of_gaps():
     np.testing.assert_array_equal(pair.expected, GRAVITY)
     sizes = np.linalg.norm(grid.signals["specific_force"], axis=1)
     np.testing.assert_allclose(pair.measured[:, 0], sizes[grid.usable])
-    # The magnitude of a force that points down counts as negative.
+    # The magnitude is compared with a negative sign if the force points down.
     upside_down = _on_grid({"specific_force": -flight()["specific_force"]}, TIME)
     pair = _size_of_force(upside_down)
     assert (pair.measured < 0.0).all()
 
 
 @pytest.mark.parametrize(("correlation", "named"), [(-0.45, False), (-0.85, True)])
-def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement(correlation, named):
-    """The disagreement is one minus the correlation. A repair must reduce it by 0.4 plus the remaining disagreement."""
+def test_a_wrong_sign_is_reported_if_changing_the_sign_removes_most_of_the_disagreement(correlation, named):
+    """The disagreement is one minus the correlation. Its reduction must exceed the remaining disagreement by 0.4."""
     rates, others = np.array([1.1, 1.7, 0.9]), np.array([2.9, 2.3, 3.7])
     velocity = np.sin(np.outer(TIME, rates))
     position = -np.cos(np.outer(TIME, rates)) / rates
@@ -455,7 +455,7 @@ def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement
 
 
 def sized(values, size):
-    """Scale each axis of a motion to an RMS value, where values above the 90 % quantile are clipped."""
+    """Scale each axis of a motion so that the RMS of its values, clipped to their 90 % quantile, is `size`."""
     most = np.quantile(np.abs(values), 0.9, axis=0)
     return size * values / np.sqrt(np.mean(np.clip(values, -most, most) ** 2, axis=0))
 
@@ -469,13 +469,10 @@ def sized(values, size):
         ("specific_force", 0.2, "the acceleration and the tilt"),
     ],
 )
-def test_signals_contradict_each_other_if_one_varies_by_twice_the_threshold(
+def test_independent_signals_contradict_each_other_if_one_exceeds_twice_the_amplitude_threshold(
     name, threshold, other, multiple, contradicts
 ):
-    """The motions are slow, so averaging over 0.2 s hardly changes them.
-
-    A force is compared with a tilt along the horizontal axes.
-    """
+    """The motions are slow, so averaging over windows of 0.2 s hardly changes their amplitudes."""
     moving = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
     still = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
     if name == "velocity":
@@ -500,7 +497,7 @@ def test_signals_contradict_each_other_if_one_varies_by_twice_the_threshold(
         ("body_rate_command", "body_rates", 0.1),
     ],
 )
-def test_a_wrong_sign_of_a_command_is_named_if_the_command_varies_by_the_threshold(signal, other, threshold, multiple):
+def test_a_wrong_sign_of_a_command_is_named_if_its_amplitude_exceeds_the_threshold(signal, other, threshold, multiple):
     motion = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
     remarks = list(inconsistencies({signal: motion * [-1.0, 1.0, 1.0], other: motion}, TIME))
     assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
@@ -510,7 +507,7 @@ def test_a_wrong_sign_of_a_command_is_named_if_the_command_varies_by_the_thresho
 
 
 @pytest.mark.parametrize("multiple", [0.9, 1.1])
-def test_a_wrong_sign_of_a_derivative_or_a_tilt_is_named_if_the_signal_varies_by_the_threshold(multiple):
+def test_a_wrong_sign_of_a_derivative_or_a_tilt_is_named_if_its_amplitude_exceeds_the_threshold(multiple):
     phases = np.outer(TIME, [0.5, 0.7, 0.4])
     velocity = sized(np.sin(phases), multiple * 0.05)
     position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)
@@ -532,7 +529,7 @@ def test_a_wrong_sign_of_a_derivative_or_a_tilt_is_named_if_the_signal_varies_by
         ("attitude", ["attitude_command"]),
     ],
 )
-def test_a_shift_between_signals_that_usually_differ_by_a_delay_is_not_reported(name, others):
+def test_a_time_shift_is_not_reported_for_signals_that_may_be_delayed(name, others):
     clean = flight(0.0)
     clean = clean | {"reference_velocity": np.gradient(clean["reference_position"], PERIOD, axis=0)}
     shifted = np.column_stack([np.interp(TIME - 0.05, TIME, column) for column in clean[name].T])
@@ -560,8 +557,8 @@ def test_the_thrust_of_a_vehicle_that_accelerates_down_faster_than_gravity_count
 
 
 @pytest.mark.parametrize(("delay", "found"), [(10, 10), (20, 20), (30, None)])
-def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, found):
-    """The log has 70 samples, and 59 windows of a tenth of a second."""
+def test_the_largest_response_delay_that_is_tried_is_half_of_a_short_log(delay, found):
+    """The log has 70 samples, and about 60 windows of a tenth of a second. A delay of 30 samples is not found."""
     random = np.random.default_rng(12)
     command = random.normal(size=(110, 3)).cumsum(axis=0)
     grid = _on_grid({"attitude_command": command[40:], "attitude": command[40 - delay : 110 - delay]}, TIME[:70])
@@ -600,8 +597,8 @@ def test_a_message_states_the_correlation():
 
 
 @pytest.mark.parametrize(("size", "words"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
-def test_a_disagreement_is_reported_with_both_amplitudes_unless_the_other_signal_is_constant(size, words):
-    """The signals alternate between two values, so clipping does not change their amplitude."""
+def test_a_disagreement_names_both_amplitudes_or_says_that_the_other_signal_is_constant(size, words):
+    """The signals alternate between two values, so clipping at their quantile does not change their amplitude."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "the derivative of position", 0.5 * signal, -size * signal, 0.1, ("x",))
     correlation = "-1.00" if size else "0.00"
@@ -663,8 +660,8 @@ def test_a_smallest_value_at_an_end_is_not_a_minimum(errors):
 @pytest.mark.parametrize(
     ("parts", "fraction", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
 )
-def test_another_frame_is_reported_if_it_agrees_better_in_six_of_eight_parts_by_a_quarter(parts, fraction, other):
-    """The other frame agrees slightly worse in the two remaining parts."""
+def test_another_frame_is_reported_if_it_reduces_the_error_by_a_quarter_in_six_of_eight_parts(parts, fraction, other):
+    """The other frame increases the error slightly in the remaining parts."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
     # The squared errors are multiplied by `fraction`.

@@ -12,7 +12,7 @@ NUM_COLUMNS = {"motor_command": 4, "thrust_fraction": 1, "reference_yaw": 1, "ba
 
 
 def channel(signal, begin, end, period, *, known=None, values=None):
-    """Return a signal on a separate clock, with values at some of the clock's samples."""
+    """Return a signal with a separate clock. `known` selects the times at which the signal has values."""
     clock = begin + period * np.arange(round((end - begin) / period) + 1)
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
@@ -28,7 +28,7 @@ def test_commands_are_held_between_samples_and_measurements_are_not():
 
 
 @pytest.mark.parametrize(("lasts", "taken"), [(4.9, False), (5.1, True)])
-def test_the_record_has_the_fastest_measurement_clock_that_lasts_half_of_the_longest_duration(lasts, taken):
+def test_the_record_uses_the_clock_of_the_fastest_measurement_that_covers_half_of_the_log(lasts, taken):
     slow, fast = channel("position", 0.0, 10.0, 0.01), channel("body_rates", 2.0, 2.0 + lasts, 0.002)
     commands = channel("motor_command", 0.0, 10.0, 0.001)
     for channels in ([slow, fast, commands], [commands, fast, slow]):
@@ -57,7 +57,7 @@ def test_signals_present_for_less_than_half_of_the_time_are_left_out():
     assert conversion._sufficiently_logged([channel("thrust_fraction", 1.0, 2.0, 0.1)], clock)[0]
     assert not conversion._sufficiently_logged([channel("thrust_fraction", 6.2, 7.0, 0.1)], clock)[0]
     assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
-    # NaN values do not count.
+    # Times at which a signal is NaN are not among the times at which it is logged.
     for known, fraction in ((4.4, 0.44), (5.6, 0.56)):
         half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
         full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))
@@ -158,7 +158,7 @@ def test_unread_columns_are_reported_by_group():
     assert list(conversion._unread_remarks(used, used)) == []
 
 
-def test_missing_columns_are_reported_for_the_first_source_that_is_partly_present():
+def test_missing_columns_are_reported_for_the_first_source_with_some_logged_columns():
     sources = [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]
     mapping = Mapping(signals={"position": sources})
 
@@ -172,7 +172,7 @@ def test_missing_columns_are_reported_for_the_first_source_that_is_partly_presen
     assert why("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
 
 
-def test_alternative_sources_of_a_signal_are_not_read():
+def test_only_the_first_usable_source_of_a_signal_is_read():
     """A signal is read from its first source with at least two samples."""
     mapping = Mapping(signals={"position": [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]})
     columns = {name: np.zeros(20) for name in "abcdef"}
@@ -183,7 +183,7 @@ def test_alternative_sources_of_a_signal_are_not_read():
         assert unread in record.remarks
 
 
-def test_origins_state_columns_rate_resampling_and_missing_samples():
+def test_the_origin_of_a_signal_lists_columns_rate_resampling_and_missing_samples():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     held = held._replace(source=SignalSource(column="p"))
@@ -209,8 +209,8 @@ def test_a_column_in_two_tables_is_read_from_the_longer_one(reverse):
     np.testing.assert_array_equal(record.body_rates, 50.0)
 
 
-def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
-    """The vectors are left out if no attitude is logged. Vectors in the right frame are unchanged."""
+def test_vectors_are_rotated_between_body_axes_and_world_axes_by_the_attitude():
+    """The vectors are left out if no attitude is logged. Vectors in the required frame are unchanged."""
     random = np.random.default_rng(2)
     attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
     to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])

@@ -51,7 +51,7 @@ def test_times_in_version_1_of_the_format_are_milliseconds(written):
 
 
 @pytest.mark.parametrize(("name", "begin"), [("imu", "imu: 1 sample"), ("fixedFrequency", "1 sample")])
-def test_a_repeated_time_is_reported_with_its_event_unless_all_events_share_a_clock(written, name, begin):
+def test_a_remark_on_a_repeated_time_names_the_event_unless_all_events_share_a_clock(written, name, begin):
     times = [0, 10_000, 10_000, 20_000, 30_000]
     data = crazyflie_log([(0, name, ACC)], [(0, time, (0.0, 0.0, 1.0)) for time in times])
     assert any(remark.startswith(f"{begin} left out") for remark in read_log(written(data)).remarks)
@@ -96,7 +96,7 @@ def test_the_largest_component_of_a_packed_attitude_is_exact(written):
     np.testing.assert_allclose(record.attitude, angles, atol=1e-7)
 
 
-def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
+def test_interleaved_events_are_resampled_at_the_times_of_the_fastest_event(written):
     """The measurements are linear in time, so linear interpolation is exact. Commands are held."""
     kinds = [(3, "fast", GYRO), (9, "slow", [(f"stateEstimate.{a}", "d") for a in "xyz"]), (4, "never", ACC)]
     kinds += [(5, "commands", MOTORS)]

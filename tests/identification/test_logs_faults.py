@@ -15,7 +15,7 @@ ANGLES = ("attitude", "attitude_command")
 
 @pytest.fixture(scope="module")
 def known() -> dict[str, Fault]:
-    """Return the faults of all signals by their texts, which are unique."""
+    """Return the faults of all signals by their descriptions, which are unique."""
     found = [*faults(SIGNALS)]
     assert len(found) == len({fault.text for fault in found})
     return {fault.text: fault for fault in found}
@@ -97,7 +97,7 @@ def test_a_yaw_with_a_constant_offset_is_a_possible_fault(known: dict[str, Fault
         assert (fault.num_axes, fault.is_frame) == (1, False)
 
 
-def test_a_wrong_frame_is_corrected_by_a_rotation_with_the_attitude(known: dict[str, Fault]) -> None:
+def test_a_wrong_frame_is_repaired_by_rotating_the_vectors_with_the_attitude(known: dict[str, Fault]) -> None:
     """No axis counts as wrong, since the frames hardly differ at small tilts."""
     to_world = Rotation.from_euler("ZYX", SIGNALS["attitude"][:, ::-1])
     frames = {"body_rates": to_world, "specific_force": to_world, "velocity": to_world.inv()}

@@ -324,7 +324,7 @@ def test_ros_messages_are_decoded_by_the_definitions_of_the_bag_or_the_standard_
 
 
 def rows_of(kind, *times, behind=None):
-    """Return messages, each with a number and a time in ns. The stamps in their headers are `behind` ns earlier."""
+    """Return messages with their times in ns. The header of each message has a time that is `behind` ns earlier."""
     rows = _Rows(kind, ["x"])
     for time in times:
         stamp = 0 if behind is None else time - behind

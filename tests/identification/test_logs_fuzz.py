@@ -104,8 +104,8 @@ OTHER_FORMATS = ["ardupilot", "betaflight", "old crazyflie", "matlab", "ros 1", 
 
 
 @pytest.fixture(scope="module")
-def others(tmp_path_factory):
-    """Return logs of the formats that are mostly read by libraries."""
+def logs_by_format(tmp_path_factory):
+    """Return a log of each format in `OTHER_FORMATS`. Libraries read most of these formats."""
     folder = tmp_path_factory.mktemp("bags")
     bags = [ros_2_bag(folder / plugin.name, plugin=plugin) for plugin in (StoragePlugin.SQLITE3, StoragePlugin.MCAP)]
     mat = io.BytesIO()
@@ -118,8 +118,8 @@ def others(tmp_path_factory):
 @pytest.mark.parametrize("name", OTHER_FORMATS)
 @functools.partial(fuzz, cases=max(NUM_CASES // 4, 10))
 @given(data=st.data())
-def test_damaged_logs_of_other_formats_are_read_or_refused(others, name, path, data):
-    log = bytearray(others[name])
+def test_damaged_logs_of_other_formats_are_read_or_refused(logs_by_format, name, path, data):
+    log = bytearray(logs_by_format[name])
     if data.draw(st.booleans()):
         log = log[: data.draw(st.integers(0, len(log)))]
     head = st.integers(0, max(min(400, len(log) - 1), 0)) | st.integers(0, max(len(log) - 1, 0))

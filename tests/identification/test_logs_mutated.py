@@ -43,12 +43,12 @@ def set_values(place, value):
 
 
 def of_signal(name, change):
-    """Return a mutation of one signal."""
+    """Return a function that applies `change` to one signal of a log."""
     return lambda log: log | {name: change(log[name])}
 
 
 def from_rows(choose):
-    """Return a mutation that selects, repeats or reorders rows."""
+    """Return a function that selects, repeats or reorders the rows of a log."""
     return lambda log: {name: values[choose(np.arange(COUNT))] for name, values in log.items()}
 
 

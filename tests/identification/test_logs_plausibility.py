@@ -57,7 +57,7 @@ def path(count=400, period=0.01):
         # A step counts as a jump if it is at least 0.1 m.
         (0.01, 0.11, True),
         (0.01, 0.09, False),
-        # It must also be larger than an acceleration of 500 m/s² can cause in one time step.
+        # A jump must also be larger than the step that an acceleration of 500 m/s² causes in one sampling period.
         (0.05, 500.0 * 0.05**2 + 0.05, True),
         (0.05, 500.0 * 0.05**2 - 0.05, False),
     ],
@@ -100,7 +100,7 @@ def test_steps_up_to_eight_times_the_usual_ones_count_as_noise(ratio, said):
     """The steps of a position that alternates by 2 cm differ from their neighbours by 4 cm."""
     time, place = path()
     place[:, 0] = 0.02 * (np.arange(len(time)) % 2)
-    # This step differs from its neighbours by 2 cm + 2 cm + the added jump.
+    # The step before sample 201 differs from its neighbours by the usual 4 cm and by the added jump.
     place[201:, 0] += (ratio - 1.0) * 0.04
     found = list(position_jumps(time, place))
     assert bool(found) == said
@@ -166,8 +166,9 @@ def test_times_beyond_1e12_seconds_are_left_out():
 
 
 @pytest.mark.parametrize("name", ["imu", ""])
-def test_a_faulty_clock_is_reported_once_with_its_table(name):
-    """The time of a command is that of writing, and the time of a measurement is that of its sampling."""
+def test_a_remark_on_a_faulty_clock_is_given_once_and_names_the_table(name):
+    """Commands use the times at which rows were written, and measurements the times at which they were sampled. Both
+    clocks of the table have a fault."""
     written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
     table = Table(name, written, {}, sampled)
     clocks = _Clocks()

@@ -245,10 +245,10 @@ def test_truncated_rows_are_left_out(write):
         ("signals: {position: {columns: [x, y, z], quaternion: wxyz}}", "position is not an attitude"),
         ("signals: {attitude: {columns: [x, y, z], quaternion: wxyz}}", "must have 4 entries"),
         ("signals: {attitude: {column: q, quaternion: wxyz, unit: deg}}", "a quaternion has no unit"),
-        ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position has no value for each rotor"),
+        ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position is not a signal with one value"),
         ("signals: {rotor_speed: {column: w, rotors: [1, 2, 3, 3]}}", "must contain each of 1, 2, 3 and 4 once"),
-        ("signals: {position: {unit: mm}}", "must have either columns or column"),
-        ("signals: {position: {columns: null, quaternion: null}}", "must have either columns or column"),
+        ("signals: {position: {unit: mm}}", "must have either `columns` or `column`"),
+        ("signals: {position: {columns: null, quaternion: null}}", "must have either `columns` or `column`"),
         ("signals: {position: [{columns: [x, y, z]}, {columns: [x], unit: mm}]}", r"position.1.columns is \['x'\]"),
         ("signals: {position: {columns: [x, y, z], scale: 2}}", "position.scale is unknown; allowed are columns"),
         ("signals: {position: {columns: [x, y, z]}}\nmass: 3", "m.yaml:2: mass is unknown; allowed are description"),
@@ -306,7 +306,7 @@ def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
         read_log(write("log", TABLE))
 
 
-def test_a_mapping_can_give_the_vehicle_and_the_wind_for_each_name_of_a_log(write):
+def test_a_mapping_can_name_the_vehicle_and_give_the_wind_for_words_in_log_names(write):
     mapping = MAPPING.replace("  wind: {columns: [x, 0.5, 0.0], factor: [0.001, 1.0, 1.0]}\n", "")
     mapping += "wind_by_name: {gale: [-9, 1, 0.5], nogale: [0, 0, 0]}\nvehicle: vehicles/crazyflie.yaml\n"
     path = write("m.yaml", mapping)
@@ -320,7 +320,7 @@ def test_a_mapping_can_give_the_vehicle_and_the_wind_for_each_name_of_a_log(writ
     assert logged.wind[0, 1] == 0.5
 
 
-def test_vehicles_of_shipped_mappings_exist():
+def test_vehicles_that_shipped_mappings_name_exist():
     named = [load_mapping(name)[1].vehicle for name in shipped_mappings()]
     assert any(named)
     for vehicle in filter(None, named):

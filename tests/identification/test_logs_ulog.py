@@ -154,7 +154,7 @@ def test_a_signal_that_is_logged_only_briefly_is_left_out(read):
     assert said(record, "attitude is left out: it is logged for 9% of the time")
 
 
-def test_a_real_log_of_hover_agrees_with_physics():
+def test_force_velocity_and_position_of_a_real_hover_log_are_consistent():
     record = read_log(DATA / "px4/sample_px4_events.ulg.xz")
     flying = record.position[:, 2] > 1.0
     assert flying.sum() > 200
@@ -432,28 +432,33 @@ def test_a_log_that_is_cut_is_reported(read, bytes_left):
 
 
 HEADER_AND_TWO_MESSAGES = b"ULog".ljust(16, b"\1") + message(b"F", b"12345") + message(b"D", b"1234567")
-INTACT_SIZE = 16 + 8 + 10
+COMPLETE_SIZE = len(HEADER_AND_TWO_MESSAGES)  # bytes; the file is complete up to here
 
 
 @pytest.mark.parametrize(
     ("rest", "end", "goes_on", "words"),
     [
-        (b"", INTACT_SIZE, False, ""),
+        (b"", COMPLETE_SIZE, False, ""),
         *(
-            (message(b"D", b"123456789")[:count], INTACT_SIZE, False, "no complete message")
+            (message(b"D", b"123456789")[:count], COMPLETE_SIZE, False, "no complete message")
             for count in (1, 2, 3, 4, 11)
         ),
-        (message(b"D", b"123456789"), INTACT_SIZE + 12, False, ""),
-        (bytes(3), INTACT_SIZE, False, "all zeros"),
-        (bytes(40), INTACT_SIZE, False, "all zeros"),
-        (b"\xff" * 40, INTACT_SIZE, False, "all 0xff"),
+        (message(b"D", b"123456789"), COMPLETE_SIZE + 12, False, ""),
+        (bytes(3), COMPLETE_SIZE, False, "all zeros"),
+        (bytes(40), COMPLETE_SIZE, False, "all zeros"),
+        (b"\xff" * 40, COMPLETE_SIZE, False, "all 0xff"),
         # A message that extends into zeros may be incomplete, unless it ends the file.
-        (message(b"D", b"12\0\0"), INTACT_SIZE + 7, False, ""),
-        (message(b"D", b"12\0\0") + bytes(5), INTACT_SIZE, False, "no complete message"),
-        (message(b"D", b"12\0\x01") + bytes(5), INTACT_SIZE + 7, False, "all zeros"),
+        (message(b"D", b"12\0\0"), COMPLETE_SIZE + 7, False, ""),
+        (message(b"D", b"12\0\0") + bytes(5), COMPLETE_SIZE, False, "no complete message"),
+        (message(b"D", b"12\0\x01") + bytes(5), COMPLETE_SIZE + 7, False, "all zeros"),
         # A message of unknown type is damage, after which reading may continue.
-        (message(b"Z", b"12345"), INTACT_SIZE, True, "damaged from byte 34 on"),
-        (message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9), INTACT_SIZE, True, "damaged from byte 34 on"),
+        (message(b"Z", b"12345"), COMPLETE_SIZE, True, "damaged from byte 34 on"),
+        (
+            message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9),
+            COMPLETE_SIZE,
+            True,
+            "damaged from byte 34 on",
+        ),
     ],
 )
 def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, goes_on, words):

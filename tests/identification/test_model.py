@@ -32,7 +32,8 @@ PERIOD = 0.01  # s, sampling period
 # Position (m), roll, pitch and yaw (rad), velocity (m/s), and body rates (rad/s).
 STATE = State(1.0, -2.0, 3.0, 0.4, -0.5, 1.2, 0.6, -0.3, 0.2, 1.1, -0.7, 0.4)
 SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)  # rad/s
-# Force (m/s²) along x, y, z, torque (rad/s²) about x, y, z, and constant force (m/s²) along x, y.
+# Specific force (m/s²) along x, y, z, angular acceleration (rad/s²) about x, y, z, and constant specific force (m/s²)
+# along x, y.
 DISTURBANCE = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
 NO_DISTURBANCE = Disturbance(*(0.0,) * NUM_DISTURBANCE)
 LEVEL, STILL = Attitude(0.0, 0.0, 0.0), Wind(0.0, 0.0, 0.0)
@@ -142,7 +143,7 @@ def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_divided_by_the_thr
 
 
 def uneven_record():
-    """Return a log with a gap, in which each command identifies its sample."""
+    """Return a log with a gap. All commands differ, so a command shows from which sample it was taken."""
     steps = np.full(200, PERIOD)
     steps[60] = 0.5
     steps[61] = 0.013
@@ -158,7 +159,7 @@ def test_inputs_contain_the_commands_and_steps_of_each_window(scenario, split):
     windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], WindowSizes(length=6, settle=3, warm_up=2)
     inputs = WindowInputs.of([log], LogModel(scenario, ()), windows, sizes, split=split, max_delay=0.025)
     assert inputs.period == pytest.approx(PERIOD / split)
-    # The margin is the longest delay in whole steps, plus two.
+    # The inputs extend beyond the window by the longest delay in whole steps, plus two steps.
     assert inputs.margin == int(np.ceil(0.025 * split / PERIOD)) + 2
     count = split * (2 + 3 + 6)
     assert inputs.commands.shape == (count + 2 * inputs.margin, 7, 3)
@@ -216,7 +217,7 @@ def test_an_attitude_response_has_the_commanded_attitude_among_its_inputs():
 
 
 @pytest.mark.parametrize("named", [(), MISALIGNMENT[:2], MISALIGNMENT[1:], MISALIGNMENT])
-def test_a_measured_attitude_includes_the_marker_misalignment_of_each_set_of_parameters(named):
+def test_the_measured_attitude_includes_the_marker_misalignment_of_its_parameter_set(named):
     """An angle that is not a parameter has the value of the scenario."""
     own = (0.03, -0.05, 0.2)
     misaligned = load_scenario("laboratory:low_wind", [f"laboratory.motion_capture.misalignment={[*own]}"])
@@ -316,7 +317,7 @@ def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenar
 
 @pytest.mark.parametrize("base", ["laboratory:low_wind", "neural_fly:still"])
 def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
-    """This holds for a body whose rotors take throttles, and for an attitude response."""
+    """The scenarios are a rigid body with throttle motors, and an attitude response."""
     own = with_throttles(load_scenario(base))
     vehicle = LogModel(own, ["mass"], voltage=12.0)
     random = np.random.default_rng(2)
@@ -341,7 +342,7 @@ def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
     model.step(states)
     np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(body_after), atol=1e-9)
     np.testing.assert_allclose(model._rotors, np.ravel(rotors_after), atol=1e-9)
-    # The inputs of the next sample apply after a step.
+    # After a step, the model flight contains the commands of the next sample.
     np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
 
 

@@ -22,7 +22,7 @@ ROTOR_PARAMETERS = ["thrust_factor", "rotor_time_constant"]
 
 @pytest.fixture(scope="module")
 def rotors() -> Scenario:
-    """Return a vehicle whose only effect is linear drag."""
+    """Return a vehicle with rotor speed commands, whose only effect is linear drag."""
     return load_scenario("laboratory:low_wind", ["vehicle.inertia=[0.0066, 0.0079, 0.0121]"])
 
 
@@ -41,7 +41,7 @@ def full() -> Scenario:
 
 @pytest.fixture(scope="module")
 def attitudes() -> Scenario:
-    """Return a vehicle with throttles, whose closed attitude loop is modelled as a whole."""
+    """Return a vehicle with attitude commands, whose closed attitude loop is modelled as a whole."""
     return load_scenario("neural_fly:still", ["laboratory.autopilot.natural_frequency=[6.0, 7.0, 3.0]"])
 
 
@@ -116,7 +116,8 @@ def test_parameters_of_effects_are_candidates_if_the_vehicle_has_the_effect(
 
 
 def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Scenario) -> None:
-    """A common thrust command varies around hover, so it determines two coefficients of the thrust curve."""
+    """One throttle command for all motors varies around hover, so it determines only two coefficients of the thrust
+    curve."""
     drag = [*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
     thrust = ["motors.curve[0]", "motors.curve[1]", "rotor_time_constant"]
     assert {*found_in(attitudes, POSE)} == {*thrust, *ATTITUDE_RESPONSE, *MARKER_MISALIGNMENT, *drag, "delay"}
@@ -125,7 +126,7 @@ def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Sce
     assert {*found_in(attitudes, {"position"})} == heights | vertical
 
 
-def test_only_throttles_of_single_motors_determine_a_whole_thrust_curve(throttles: Scenario) -> None:
+def test_only_individual_motor_throttles_determine_all_coefficients_of_the_thrust_curve(throttles: Scenario) -> None:
     def powers(signals: set[str], *, own: bool) -> str:
         return "".join(name[-2] for name in found_in(throttles, signals, has_motor_throttles=own) if "curve" in name)
 
@@ -168,7 +169,8 @@ def test_the_prior_standard_deviation_of_a_positive_parameter_is_about_its_value
     for name in ("thrust_factor", *INERTIA, "rotor_inertia"):
         assert found[name].scale == pytest.approx(found[name].start)
     for i, name in enumerate(ATTITUDE_RESPONSE):
-        # Half of a natural frequency, and half of the critical damping.
+        # The prior standard deviation of a natural frequency is half of its value. For a damping, it is 0.5, which is
+        # half of the critical damping.
         assert found[name].scale == (0.5 * found[name].start if i < 3 else 0.5)
     for name in (*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift"):
         assert (found[name].lower, found[name].upper) == (0.0, np.inf)
@@ -224,7 +226,7 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
     behind, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
     assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * behind["rotor_aerodynamics.lift"].scale)
     assert behind["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
-    # An effect that a vehicle lacks has the prior of an effect whose coefficients are zero.
+    # An effect that the vehicle lacks has the same prior as an effect with zero coefficients.
     lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
     bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
     for name in LINEAR_DRAG:

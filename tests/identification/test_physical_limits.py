@@ -51,7 +51,8 @@ def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve(
     [
         # The smallest moment of inertia is 0.8, and 0.1 % of it is 0.0008.
         ([0.3, 0.5, 0.9], [0.0008, 0.0008, 0.0008]),
-        # A flat body has no extent normal to its plane. An impossible inertia starts at the limit.
+        # A flat body has no extent normal to its plane. If the second moment of the data sheet is zero or negative,
+        # this value is the limit.
         ([0.3, 0.5, 0.0], [0.0003, 0.0003, 0.0]),
         ([0.3, 0.5, -0.1], [0.0002, 0.0002, -0.1]),
     ],
@@ -78,7 +79,9 @@ def test_a_flat_vehicle_can_be_identified_from_the_data_sheet_of_a_tall_one() ->
 
 
 @pytest.mark.parametrize(("start", "most"), [(0.1, 0.75), (1.2, 1.2)])
-def test_thrust_at_zero_throttle_is_at_most_half_of_hover_or_the_data_sheet_value(start: float, most: float) -> None:
+def test_the_limit_of_the_thrust_at_zero_throttle_is_half_of_hover_or_a_larger_data_sheet_value(
+    start: float, most: float
+) -> None:
     parameters = parameters_with(curve=np.array([start, 0.7, 2.0]))
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
@@ -87,7 +90,7 @@ def test_thrust_at_zero_throttle_is_at_most_half_of_hover_or_the_data_sheet_valu
 
 
 @pytest.mark.parametrize("missing", ["inertia[1]", "motors.curve[2]"])
-def test_an_incomplete_inertia_or_thrust_curve_has_no_combined_limits(missing: str) -> None:
+def test_limits_on_combinations_of_parameters_need_the_whole_inertia_or_thrust_curve(missing: str) -> None:
     parameters = [parameter for parameter in parameters_with() if parameter.name != missing]
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
@@ -98,7 +101,7 @@ def test_an_incomplete_inertia_or_thrust_curve_has_no_combined_limits(missing: s
     assert lower[other] >= 0.0
 
 
-def test_a_parameter_is_at_its_limit_within_a_thousandth_of_its_scale() -> None:
+def test_a_parameter_is_at_a_limit_if_its_distance_is_below_a_thousandth_of_its_prior_scale() -> None:
     """A limit on a combination of parameters is ignored, since it does not fix any one of them."""
     parameters = parameters_with()
     found = SearchVariables.of(parameters)

@@ -113,7 +113,7 @@ def test_gains_filter_and_delay_of_the_log_are_recovered(vehicle):
 
 
 @pytest.mark.long
-def test_a_limit_of_the_position_error_is_found_with_the_fraction_of_limited_samples(vehicle):
+def test_the_limit_of_the_position_error_and_the_fraction_of_limited_samples_are_found(vehicle):
     record = flown(vehicle, filter_time=0.0, limit=0.12)
     law = identify_position_law([record], vehicle)
     beyond = np.abs(record.reference_position - record.position) > 0.12
@@ -125,7 +125,7 @@ def test_a_limit_of_the_position_error_is_found_with_the_fraction_of_limited_sam
         assert_in_interval(axis.gains["position"], K_P)
 
 
-def test_each_form_recovers_the_output_of_the_law(vehicle):
+def test_the_output_of_a_law_is_recovered_from_the_commands_in_each_form(vehicle):
     output = np.array([[1.0, -2.0, 0.5], [-0.3, 0.8, -1.5]])
     yaw, measured_yaw = np.array([0.4, -0.9]), np.array([0.5, -0.7])
     force = output + np.array([0.0, 0.0, GRAVITY])
@@ -159,8 +159,9 @@ def test_the_axes_along_the_heading_are_forward_left_and_up():
 
 
 @pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
-def test_px4_subtracts_the_unproduced_output_from_its_integral(climb):
-    """PX4 subtracts 2 / k_v times the unproduced output from the velocity error that it integrates."""
+def test_the_unproduced_output_is_the_output_that_the_anti_windup_of_px4_subtracts(climb):
+    """PX4 subtracts 2 / k_v times the output that the thrust does not produce from the velocity error that it
+    integrates."""
     gain, mass = 3.0, 0.7
     limits = AccelerationParameters(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))
@@ -179,8 +180,8 @@ def regression_of(record, vehicle, form, axis):
     return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained_variance
 
 
-def test_integrals_of_roll_and_pitch_are_along_the_heading(vehicle):
-    """The vehicle turns by more than a full circle."""
+def test_errors_are_integrated_along_the_heading_in_the_form_tilt(vehicle):
+    """The vehicle yaws by more than a full turn, so integrals along the heading differ from integrals along x and y."""
     time = PERIOD * np.arange(SAMPLES)
     reference, error = waves(time, 0.6, 0.9), waves(time + 5.0, 0.15, 2.6)
     position, velocity = reference[0] - error[0], reference[1] - error[1]

@@ -70,8 +70,8 @@ def test_an_integral_gain_that_may_be_zero_is_left_out(integral, kind):
     ("reference_velocity", "derivative", "fraction"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
-        # The velocity gain is 3. The ratio of the reference velocity gain to it becomes 0 or 1 if it differs from this
-        # number by less than 5 %, or by less than its own half-width.
+        # The velocity gain is 3, so the feedforward is the gain of the reference velocity divided by 3. A feedforward
+        # that differs from 0 or 1 by less than 0.05, or by less than its half-width, becomes 0 or 1.
         ((0.14, 1e-3), "measurement", 0.0),
         ((-0.14, 1e-3), "measurement", 0.0),
         ((0.16, 1e-3), None, 0.16 / 3.0),
@@ -83,13 +83,15 @@ def test_an_integral_gain_that_may_be_zero_is_left_out(integral, kind):
         ((2.4, 0.61), "tracking_error", 1.0),
         ((2.4, 0.59), None, 0.8),
         ((-0.16, 1e-3), None, 0.0),
-        # If the interval contains both 0 and 1, the ratio is 0.
+        # If the interval contains both 0 and 1, the feedforward is 0.
         ((1.6, 1.7), "measurement", 0.0),
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_velocity_feedforward_of_a_pd_is_complete_or_absent(reference_velocity, derivative, fraction, sign):
-    """A ratio between 0 and 1 gives a cascade. The ratio does not depend on the sign of the gains."""
+def test_a_pd_feeds_forward_either_the_whole_reference_velocity_or_none_of_it(
+    reference_velocity, derivative, fraction, sign
+):
+    """A feedforward between 0 and 1 gives a cascade. The feedforward does not depend on the sign of the gains."""
     value, reach = reference_velocity
     control = control_of(PD_GAINS | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
     if derivative is None:
@@ -100,8 +102,8 @@ def test_the_velocity_feedforward_of_a_pd_is_complete_or_absent(reference_veloci
         assert control["position"]["derivative"] == derivative
 
 
-def test_the_velocity_feedforward_is_the_mean_of_the_axes_that_determine_it():
-    """If no axis determines it, the law acts on the error and its derivative."""
+def test_the_velocity_feedforward_is_averaged_over_the_axes_that_determine_it():
+    """If no axis determines the velocity feedforward, the law acts on the error and its derivative."""
     without = {"position": 4.0, "velocity": 3.0}
     control = control_of(without, without | {"reference_velocity": 0.9}, without | {"reference_velocity": 1.5})
     assert control["velocity_feed_forward"] == pytest.approx(0.4)
@@ -124,7 +126,7 @@ def test_the_velocity_feedforward_is_the_mean_of_the_axes_that_determine_it():
         ((-0.06, 1e-3), 0.0),
     ],
 )
-def test_the_acceleration_feedforward_of_a_pd_is_complete_or_absent(fed, expected):
+def test_an_acceleration_feedforward_near_zero_or_one_becomes_zero_or_one(fed, expected):
     control = control_of(PD_GAINS | {"reference_acceleration": fed})
     if isinstance(expected, str):
         assert control["position"]["feed_forward"] == expected
@@ -132,7 +134,7 @@ def test_the_acceleration_feedforward_of_a_pd_is_complete_or_absent(fed, expecte
         assert control["command"] == {"kind": "acceleration", "feed_forward": expected}
 
 
-def test_a_pd_feeds_the_acceleration_forward_if_one_axis_does():
+def test_a_pd_has_acceleration_feedforward_if_at_least_one_axis_has_it():
     control = control_of(PD_GAINS, PD_GAINS | {"reference_acceleration": 0.0}, PD_GAINS)
     assert control["position"]["feed_forward"] == "acceleration"
     control = control_of(PD_GAINS | {"reference_acceleration": 0.2}, PD_GAINS, {"position": 1.0, "velocity": 2.0})
@@ -170,7 +172,8 @@ def test_a_law_that_commands_a_tilt_is_written_as_a_cascade_with_tilt_commands()
 
 
 def test_axes_of_a_cascade_have_individual_gains():
-    """If half of the velocity is fed forward, k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i."""
+    """The law of a cascade has the gains k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i if half of the
+    velocity is fed forward. The position loop has the gains K and K_i, and the velocity loop has k and k_i'."""
     loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
     control = control_of(
         *(
@@ -193,20 +196,27 @@ def test_axes_of_a_cascade_have_individual_gains():
 
 
 def test_integral_gains_are_not_negative():
-    """The integral gains follow from the displacement gain and from the remaining integral gain."""
+    """Negative values that follow from the gains of the law are replaced by zero.
+
+    The integral gain of the velocity loop follows from the gain of the displacement. The integral gain of the position
+    loop follows from the rest of the integral gain of the law.
+    """
     base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
     control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})
     assert "k_i" not in control["position"]
     assert "k_i" not in control["velocity"]
     assert control["position"]["k_p"] == [2.0] * 3
-    # The position loop has no integral action if the law has no double integral.
+    # If the law has no double integral, the position loop has no integral gain.
     control = control_of(base | {"displacement": 0.5, "integral": 9.0})
     assert "k_i" not in control["position"]
     assert control["velocity"]["k_i"] == [1.0] * 3
 
 
-def test_the_position_gain_is_the_larger_root_if_the_velocity_feedforward_is_complete():
-    """k_p = k K + k_i' and k_i = k_i' K with k = 2 are solved by K = 3 and k_i' = 4, and by K = 2 and k_i' = 6."""
+def test_the_larger_of_two_possible_position_gains_is_taken():
+    """With the whole reference velocity fed forward, k_p = k K + k_i' = 10 and k_i = k_i' K = 12.
+
+    For the velocity gain k = 2, the position gain K is either 3 with the integral gain k_i' = 4, or 2 with k_i' = 6.
+    """
     law = {"position": 10.0, "velocity": 2.0, "reference_velocity": 2.0, "reference_acceleration": 0.5}
     control = control_of(law | {"integral": 12.0})
     assert control["position"]["k_p"] == [3.0] * 3

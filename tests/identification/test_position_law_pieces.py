@@ -1,4 +1,4 @@
-"""Stretches of flight to which a position law is fitted, and the commands that are its output."""
+"""Stretches of flight to which a position control law is fitted, and the output of the law in a log."""
 
 from dataclasses import replace
 
@@ -59,8 +59,8 @@ def smoothed(values):
     return values
 
 
-def counts_with_neighbours(mask):
-    """Return a mask of the samples that count together with their two neighbours on each side."""
+def eroded(mask):
+    """Return a mask of the samples that are in the given mask with their two neighbours on each side."""
     found = mask.copy()
     for distance in (1, 2):
         found[distance:] &= mask[:-distance]
@@ -76,7 +76,7 @@ def integrals(values):
 
 
 def in_axes_of(form, record, values):
-    """Return vectors in the axes of a form: along the measured heading for `tilt`, else unchanged."""
+    """Return vectors along the axes of a form of the law: along the measured heading for `tilt`, else unchanged."""
     if form != "tilt":
         return values
     level = (values[:, 0] + 1j * values[:, 1]) * np.exp(-1j * record.attitude[:, 2])
@@ -108,7 +108,7 @@ def test_pieces_contain_the_signals_of_the_log_and_the_command_of_each_form(vehi
     assert remarks == [f"the thrust is divided by the nominal mass, {vehicle.nominal.mass:g} kg"]
 
 
-def test_smoothing_keeps_lines_and_shifts_parabolas_by_half_their_curvature(vehicle):
+def test_smoothing_does_not_change_lines_and_adds_half_of_the_curvature_to_parabolas(vehicle):
     """The binomial weights have a standard deviation of one period."""
     (piece,) = prepared_pieces(record_of(), vehicle, [])[0]["projected"]
     reference, velocity, acceleration = polynomials(TIME)
@@ -120,7 +120,7 @@ def test_smoothing_keeps_lines_and_shifts_parabolas_by_half_their_curvature(vehi
     np.testing.assert_allclose((piece.travel - piece.travel[2])[inner], way[inner], atol=1e-12)
 
 
-def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_the_velocity(vehicle):
+def test_the_deviation_is_the_position_noise_in_the_form_decoupled_and_zero_in_all_others(vehicle):
     """The deviation is the noise of the logged position plus the first position error."""
     reference, *_ = polynomials(TIME)
     wrong = 1e-3 * np.random.default_rng(7).normal(size=(600, 3))
@@ -134,10 +134,11 @@ def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_th
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
 
 
-def test_the_anti_windup_term_is_the_integral_of_the_unproduced_horizontal_output(
+def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does_not_produce(
     vehicle,
 ):
-    """A tilt computed with g, and a thrust for g + u_z, produce 1 + u_z / g times the horizontal output."""
+    """In the form `decoupled`, the tilt is computed for the thrust g, but the thrust is g + u_z. They produce the
+    fraction 1 + u_z / g of the horizontal output."""
     record, gravity = record_of(), vehicle.nominal.gravity
     found, _ = prepared_pieces(record, vehicle, [])
     for form, (piece,) in found.items():
@@ -181,9 +182,11 @@ def test_parabolas_last_a_tenth_of_a_second_and_have_at_least_five_samples(vehic
 
 
 def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
-    """The reference jumps at 3 s by 20 cm along Z, which affects parabolas from 2.95 s to 3.05 s.
+    """The reference jumps at 3 s by 20 cm along Z.
 
-    A command is up to 0.15 s late, and smoothing adds two samples.
+    The derivatives of the reference are those of parabolas over 0.1 s, so they are wrong from 2.95 s to 3.05 s. The
+    samples of the next 0.15 s are left out as well, because commands may be delayed by this time. Smoothing affects two
+    more samples on each side.
     """
     reference, *_ = polynomials(TIME)
     reference[300:, 2] += 0.2
@@ -194,15 +197,15 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     assert 293 <= left_out[0] < 297
     # The parabolas before and after the jump have opposite curvatures of the same size.
     assert left_out[-1] == 599 - left_out[0] + 15
-    # An acceleration above 50 m/s² counts as a jump.
+    # A reference jumps if its acceleration exceeds 50 m/s².
     for size, counts in ((49.0, True), (51.0, False)):
         bent = 0.5 * size * np.maximum(TIME - 3.0, 0.0)[:, None] ** 2 * np.array([0.0, 1.0, 0.0])
         found, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
         assert found["acceleration"][0].counted[400] == counts
 
 
-def test_a_piece_ends_at_a_gap_and_must_contain_two_seconds_to_compare(vehicle):
-    """The second of three stretches has 2.01 s to compare, and the first and third have 1.98 s.
+def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicle):
+    """The regression can use 2.01 s of the second of three stretches, and 1.98 s of the first and third.
 
     The time for delay and smoothing is subtracted.
     """
@@ -222,8 +225,8 @@ def test_a_piece_ends_at_a_gap_and_must_contain_two_seconds_to_compare(vehicle):
         prepared_pieces(record.subset(slice(217)), vehicle, [])
 
 
-def test_a_piece_of_a_slow_log_must_contain_sixty_samples_to_compare(vehicle):
-    """Delay and smoothing need seven additional samples at 20 Hz."""
+def test_a_stretch_of_a_slow_log_needs_sixty_samples_for_the_regression(vehicle):
+    """At 20 Hz, delay and smoothing need seven samples in addition to the sixty of the regression."""
     time = 0.05 * np.arange(67)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     assert piece.counted.sum() == 60
@@ -231,7 +234,7 @@ def test_a_piece_of_a_slow_log_must_contain_sixty_samples_to_compare(vehicle):
         prepared_pieces(record_of(time[:66]), vehicle, [])
 
 
-def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
+def test_samples_at_a_limit_and_on_the_ground_are_not_used_in_the_regression(vehicle):
     time = PERIOD * np.arange(1200)
     angles = record_of(time).attitude_command
     cut = np.column_stack([np.minimum(angles[:, 0], 0.15), angles[:, 1:]])
@@ -241,11 +244,11 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     # The last second before the landing is left out.
     assert not piece.counted[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
-    # Values closer to the limit than 0.5 % of the range count as at the limit.
+    # A sample is at a limit if its distance to the limit is less than 0.5 % of the range.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
-    np.testing.assert_array_equal(piece.counted[:500], counts_with_neighbours(usable))
+    np.testing.assert_array_equal(piece.counted[:500], eroded(usable))
 
 
 def test_logs_without_motion_are_refused(vehicle):
@@ -336,7 +339,7 @@ def limited(usable=None, *, thrust=TRIANGLE, roll=0.1 * TRIANGLE, pitch=0.1 * TR
 @pytest.mark.parametrize("name", ["thrust", "roll", "pitch"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_clipped_command_is_at_a_limit(name, sign):
-    """Samples next to the limit, or at the other extreme, do not count."""
+    """Samples next to the limit, or at the other extreme, are not in the mask."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
     found = limited(**{name: sign * size * cut})
@@ -361,15 +364,15 @@ def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme()
 
     def found(here, beside, usable=None):
         thrust = np.where(at_end < here, 1.0, spread)
-        # The thrust has a range of 1.5. Samples count as at the limit within 0.5 % of this range, and as near it within
-        # 1 %.
+        # The thrust has a range of 1.5. `here` samples are at the maximum. `beside` samples are below the maximum by
+        # 0.75 % of the range, between the two margins of 0.5 % and 1 %.
         thrust = np.where((at_end >= here) & (at_end < here + beside), 1.0 - 1.5 * 0.0075, thrust)
         return limited(usable, thrust=thrust).sum()
 
     assert (found(7, 0), found(8, 0)) == (0, 8)
     assert (found(29, 5), found(30, 5)) == (0, 30)
     assert (found(1000, 0), found(1001, 0)) == (1000, 0)
-    # Samples on the ground do not count.
+    # Samples on the ground are never in the mask.
     assert found(20, 0, at_end >= 10) == 10
     assert found(600, 0, at_end < 1000) == 0
     assert found(15, 0, at_end >= 10) == 0
@@ -383,8 +386,8 @@ def test_a_constant_command_is_not_at_a_limit():
 
 
 @pytest.mark.parametrize(("seconds", "expected"), [(10.0, 15), (29.0, 15), (32.0, 16), (43.2, 22)])
-def test_blocks_of_two_seconds_have_equal_numbers_of_counted_samples(vehicle, seconds, expected):
-    """There are at least fifteen blocks, in the order of time."""
+def test_regression_samples_are_divided_into_equal_blocks_of_two_seconds(vehicle, seconds, expected):
+    """There are at least fifteen blocks, in the order of time. Only samples in the mask `counted` belong to a block."""
     time = PERIOD * np.arange(1200)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     count = round(seconds / PERIOD / 4)

@@ -57,7 +57,7 @@ def columns_at(time, shape):
 
 
 def flown(terms=BASIC_TERMS, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, settle=1.0):
-    """Return a stretch of flight under the law, in which the first second is not counted."""
+    """Return a stretch of flight under the law. The regression does not use its first `settle` seconds."""
     random = np.random.default_rng(round(begin))
     time = begin + PERIOD * np.arange(round(seconds / PERIOD))
     terms_then = columns_at(time - shape.delay, shape)
@@ -142,7 +142,7 @@ def test_the_time_constant_of_a_filter_is_at_most_half_a_second():
 
 
 def noisy_pieces(samples=60):
-    """Return two stretches of independent noise signals, with some samples that do not count."""
+    """Return two stretches of flight with independent noise signals. The regression does not use all samples."""
     random = np.random.default_rng(3)
     return [
         Piece(
@@ -155,7 +155,7 @@ def noisy_pieces(samples=60):
 
 
 def without_nuisances(piece):
-    """Return the piece without its deviation and anti-windup terms."""
+    """Return a stretch of flight with the regressors `deviation` and `anti_windup` set to zero."""
     return piece._replace(deviation=np.zeros_like(piece.error), anti_windup=np.zeros_like(piece.error))
 
 
@@ -175,7 +175,7 @@ def stacked(pieces, axes, terms):
 
 
 @pytest.mark.parametrize("axes", [(2,), (0, 1)])
-def test_gains_are_least_squares_with_a_linear_trend_for_each_stretch_and_axis(axes):
+def test_gains_are_the_least_squares_solution_with_a_linear_trend_per_stretch_and_axis(axes):
     pieces, terms = noisy_pieces(), (*BASIC_TERMS[:5], *NUISANCE_TERMS)
     regressors, commands, free = stacked(pieces, axes, terms)
     together = np.hstack([regressors, free])
@@ -189,7 +189,7 @@ def test_gains_are_least_squares_with_a_linear_trend_for_each_stretch_and_axis(a
     assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
 
 
-def test_a_constant_command_is_not_explained():
+def test_the_explained_variance_of_a_constant_command_is_nan():
     pieces = [piece._replace(command=np.zeros_like(piece.command)) for piece in noisy_pieces()]
     assert np.isnan(regression._fit_gains(pieces, (0,), BASIC_TERMS, Shape(), ()).explained_variance)
 
@@ -219,7 +219,7 @@ def test_the_regressors_are_the_terms_of_the_law():
         np.testing.assert_allclose(found[name], values, atol=1e-12, err_msg=name)
 
 
-def test_a_filter_is_a_settled_first_order_lag():
+def test_the_velocity_filter_is_a_first_order_lag_that_starts_in_steady_state():
     """The response to a ramp is exact to third order in the period, and does not start with a jump."""
     piece = flown()
     still = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
@@ -236,7 +236,7 @@ def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_secon
     piece = flown()
     for deviation, moves in ((0.009, False), (0.011, True)):
         speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
-        # Larger motion in samples that do not count, or on another axis, is ignored.
+        # Larger motion in samples that the regression does not use, or on another axis, is ignored.
         slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
         terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
         assert ("displacement" in terms) == ("reference_velocity" in terms) == moves
@@ -244,7 +244,7 @@ def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_secon
 
 
 @pytest.mark.parametrize("name", NUISANCE_TERMS)
-def test_deviation_and_anti_windup_are_terms_of_the_axes_on_which_they_are_not_zero(name):
+def test_nuisance_terms_are_fitted_only_if_they_are_not_zero_on_a_fitted_axis(name):
     piece = flown()
     values = np.zeros_like(piece.error)
     values[5, 1] = 0.1
@@ -271,7 +271,7 @@ def test_correlated_samples_are_less_informative_than_independent_ones():
     for left in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
         expected = direct_independent_samples(left)
         assert regression._independent_samples(left) == pytest.approx(expected, rel=1e-9)
-    # With correlations 0.9^k, n samples are worth n (1 - 0.9) / (1 + 0.9) independent ones.
+    # With correlations 0.9^k, n samples are equivalent to n (1 - 0.9) / (1 + 0.9) independent samples.
     assert regression._independent_samples(slow) == pytest.approx(20001 / 19.0, rel=0.15)
     assert regression._independent_samples(np.zeros(50)) == 50.0
 
@@ -288,7 +288,8 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
         # The sum of squared residuals must fall by at least a fifth.
         (2000, 0.79, 1.0, True),
         (2000, 0.81, 1.0, False),
-        # The number of samples times the logarithm of the ratio must exceed 10.83, the critical value of χ² at 99.9 %.
+        # The test statistic is the number of samples times the logarithm of the ratio of unexplained variances. It must
+        # exceed 10.83, the critical value of χ² at 99.9 %.
         (24, np.exp(-10.9 / 24), 1.0, True),
         (24, np.exp(-10.7 / 24), 1.0, False),
         # The interval of the parameter must not contain zero.
@@ -318,17 +319,18 @@ def test_an_extended_law_is_taken_if_its_last_parameter_is_significant(
     assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
 
 
-def test_the_simpler_of_two_exact_laws_is_taken(monkeypatch):
-    """A constant command leaves no variance to explain."""
+def test_the_simpler_law_is_taken_if_both_laws_fit_exactly(monkeypatch):
+    """Both laws leave no residual, for example if the command is constant."""
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
     simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
     assert regression._better_fit([], (0,), simple, rich) is simple
 
 
 def rule_bias(named):
-    """Return the bias of gains if the controller sums samples, which shifts the integral by half a period.
+    """Return the bias of gains if the controller integrates by the rectangle rule.
 
-    A cascade with this law and the position gain K integrates the velocity error with the gain k_i / K.
+    The rectangle rule differs from the trapezoidal rule by half a period. A cascade with this law and the position gain
+    K integrates the velocity error with the gain k_i / K.
     """
     roots = np.roots([named["velocity"], -named["position"], named["integral"]])
     of_velocity = named["displacement"]
@@ -340,11 +342,11 @@ def rule_bias(named):
 
 @pytest.mark.parametrize("integral", [0.5, 1.5])
 @pytest.mark.parametrize("with_deviation", [False, True])
-def test_intervals_add_the_bias_of_signal_errors_and_of_the_integration_rule_to_the_jackknife(with_deviation, integral):
-    """The jackknife leaves out each of fifteen blocks by one Gauss-Newton step.
+def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_terms(with_deviation, integral):
+    """Each jackknife estimate is one Gauss-Newton step to the fit without one of fifteen blocks.
 
-    Errors of the logged position affect the regressors of the position error and of the deviation. With k_p = 4 and k_v
-    = 3, a cascade has real gains for integral gains up to 4 / 3.
+    Errors of the logged position affect the regressors `position` and `deviation`. A cascade with k_p = 4 and k_v = 3
+    can have integral gains up to 4 / 3, so the test uses an integral gain below and one above this limit.
     """
     terms, shape, free = (*BASIC_TERMS[:3], *BASIC_TERMS[4:]), Shape(0.02, 0.05), ("delay",)
     pieces = [flown(terms, shape, noise=0.2), flown(terms, shape, noise=0.2, begin=20.0, seconds=6.0)]
@@ -381,8 +383,8 @@ def test_intervals_add_the_bias_of_signal_errors_and_of_the_integration_rule_to_
     of_position = np.abs(model @ with_position) / (named["position"] + named.get("deviation", 0.0))
     of_velocity = np.abs(model[:, 1]) / named["velocity"]
     bias = len(fit.residuals) * np.maximum(of_position, of_velocity) + rule_bias(named)
-    # The tolerance allows for the derivative with respect to the delay. It is a difference between interpolated
-    # samples, and depends on the step.
+    # The derivative with respect to the delay is a difference between interpolated samples. The tolerance allows for
+    # its dependence on the step of the difference.
     np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
     np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
 
@@ -404,8 +406,8 @@ def test_the_terms_of_a_law_are_recovered(terms, shape, rich):
     assert found.shape.delay == pytest.approx(0.05, abs=0.01)
 
 
-def test_the_search_for_a_limit_starts_at_errors_that_occur():
-    """The error exceeds the limit in a fifth of the samples."""
+def test_an_error_limit_is_found_if_a_fifth_of_the_errors_exceed_it():
+    """No limit is found in a flight without one."""
     limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
     found = fit_with_limit([flown(BASIC_TERMS[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
     assert found.free == ("delay", "error_limit")
@@ -427,7 +429,7 @@ def prepared(monkeypatch, *logs):
 
 
 def scaled(piece, *factors, noise=0.0):
-    """Return a piece whose gains are multiplied by a factor per axis, with additional noise on Z."""
+    """Return a stretch of flight whose command is multiplied by a factor for each axis, with noise added on Z."""
     unrelated = noise * np.random.default_rng(5).normal(size=len(piece.time))
     return piece._replace(command=piece.command * factors + np.outer(unrelated, [0.0, 0.0, 1.0]))
 
@@ -440,7 +442,7 @@ def scaled(piece, *factors, noise=0.0):
         ((1.0, 1.3, 2.0), ["x", "y", "z"], ("heading",)),
     ],
 )
-def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch, factors, groups, forms):
+def test_axes_with_the_same_law_are_fitted_together_in_the_form_that_fits_best(monkeypatch, factors, groups, forms):
     parts = [flown(shape=Shape(0.05), noise=0.02, begin=begin, seconds=4.0) for begin in (0.0, 20.0)]
     noises = {"decoupled": 1.0, "heading": 0.0}
     logs = [{form: [scaled(part, *factors, noise=noises[form])] for form in forms} for part in parts]
@@ -501,7 +503,7 @@ def fit_of_everything(explained_variance=0.99):
         ((0.96, 0.96, 0.96), False, "y", ["x", "z"], ["y"]),
     ],
 )
-def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
+def test_an_axis_is_refused_if_its_fit_is_poor_or_its_velocity_gain_is_uncertain(
     monkeypatch, explained, alike, weak, groups, refused
 ):
     def axis_law(pieces, axes, form, fit):
@@ -598,7 +600,7 @@ def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typica
 
 
 def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
-    """Essential gains and the shape of the law are kept."""
+    """Position and velocity gain, delay, filter and limit stay in the fit, even if they are not identified."""
     pieces = [flown(BASIC_TERMS[:4], Shape(0.05), noise=0.02)]
     fit = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.05)], ("delay",))
     weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
@@ -634,8 +636,8 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)
 
 
-def test_forms_are_compared_by_the_residuals_of_all_axes_in_some_hundred_samples(monkeypatch):
-    """A form that explains a single axis exactly is not preferred for this reason."""
+def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(monkeypatch):
+    """An exact fit of a single axis does not decide the comparison: its unexplained variance is raised to 1e-12."""
     seen = []
 
     def fit_with_limit(pieces, axes):

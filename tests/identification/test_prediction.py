@@ -133,8 +133,8 @@ def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
 
 
 @pytest.mark.long
-def test_a_prediction_with_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
-    """Position noise affects a velocity from a few samples much more than the velocity of a filter."""
+def test_a_prediction_with_a_vehicle_starts_from_the_velocity_of_the_kalman_filter(record, scenario):
+    """Position noise affects the velocity from the last few samples much more than the velocity of the filter."""
     random = np.random.default_rng(1)
     position = record.position + 2e-3 * random.normal(size=record.position.shape)
     found = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
@@ -163,7 +163,7 @@ def test_ten_percent_more_thrust_accelerates_upwards_by_a_tenth_of_gravity(predi
 
 
 @pytest.mark.slow
-def test_longer_horizons_have_fewer_starts(predictions):
+def test_fewer_predictions_are_evaluated_at_longer_horizons(predictions):
     starts = [predictions.starts(horizon) for horizon in predictions.horizons]
     assert starts[0] > starts[1] > starts[2] > 50
 
@@ -174,7 +174,7 @@ def of_errors(errors, names=("one", "other"), *, horizon=0.5, quantity="position
     return Predictions(names, (horizon,), np.array(["a"] * count), np.arange(1.0 * count), {quantity: errors[:, None]})
 
 
-def test_a_vehicle_that_certainly_predicts_worse_than_simple_motion_is_reported():
+def test_a_vehicle_that_predicts_significantly_worse_than_a_baseline_is_reported():
     sure = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
     errors = np.stack([2.0 * sure, sure, 3.0 * sure])
     names = ("mine", *PREDICTORS_WITHOUT_MODEL)
@@ -210,14 +210,14 @@ def test_a_model_without_errors_is_better_than_all_others():
     assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
     assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
     assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
-    # A vehicle that is exact at some of the starts is compared like any other.
+    # A vehicle whose error is zero in some of the predictions is compared like any other.
     errors = np.stack([np.array([0.0, 1.0, 2.0, 1.0]), np.array([2.0, 2.0, 0.0, 4.0])])
     some = of_errors(errors).better("position", "one", "other", 0.5)
     assert some.value == pytest.approx(1.0 - math.sqrt(6.0 / 24.0))
     assert some.low < some.value < some.high
 
 
-def test_joined_predictions_contain_the_quantities_of_all_logs():
+def test_concatenated_predictions_contain_the_quantities_that_all_logs_have():
     def part(name, count, *quantities):
         numbers = np.arange(2.0 * 3.0 * count).reshape(2, 3, count)
         return Predictions(
@@ -259,8 +259,8 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
     assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
 
 
-def test_vehicles_are_compared_start_by_start():
-    """The interval is computed from the differences of squared errors relative to their means."""
+def test_the_interval_of_a_comparison_of_vehicles_follows_from_paired_differences():
+    """The squared errors of each vehicle are divided by their mean before the difference is taken."""
     own, others = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
     better = of_errors(np.stack([own, others])).better("position", "one", "other", 0.5)
     ratio = math.sqrt(np.mean(own**2) / np.mean(others**2))
@@ -290,16 +290,16 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     assert np.isfinite(found.errors["position"][0, 0]).sum() > np.isfinite(found.errors["position"][0, 1]).sum() > 20
 
 
-def test_starts_are_a_tenth_of_a_second_apart_and_leave_time_for_filter_and_horizon():
-    """The filter needs half a second without a gap before a start."""
+def test_predictions_start_every_tenth_of_a_second_with_time_for_filter_and_horizon():
+    """The filter needs half a second without a gap before the start of a prediction."""
     log = moving([0.0, 0.0, 0.1], seconds=4.0)
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})
     assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
-    # Each sample is a start at two samples per second.
+    # In a log with two samples per second, a prediction starts at each sample.
     slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
     assert (slow[0], set(np.diff(slow))) == (6, {1})
-    # A parabola through many samples may need more time before a start than the filter.
+    # The parabola through the last 77 samples needs more time before the start of a prediction than the filter.
     assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
     gapped = log.subset((log.time < 2.0) | (log.time > 2.3))
     starts = prediction._starts(gapped, 6, (0.2,), 1.0)
@@ -307,26 +307,26 @@ def test_starts_are_a_tenth_of_a_second_apart_and_leave_time_for_filter_and_hori
     assert times[times < 2.0].max() + 0.2 < 2.0
     # The commands that the rotors follow are unknown after a gap.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
-    # If a fraction of the flight is given, only the starts in this last part count.
+    # If the final fraction of the flight is 0.25, predictions start only in the last quarter of the flight.
     late = prediction._starts(log, 6, (0.2,), 0.25)
     np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
 
 
-def test_a_yaw_beyond_half_a_turn_continues_at_its_rate():
+def test_the_yaw_rate_is_correct_where_the_logged_yaw_wraps():
     time = 0.01 * np.arange(100)
     yaw = 3.0 + 0.5 * time + 0.2 * time**2
     attitude = np.column_stack([0.3 * time, -0.2 * time, (yaw + np.pi) % (2.0 * np.pi) - np.pi])
     starts = np.arange(10, 100)
     log = FlightRecord("turning", time, attitude=attitude)
     motion = prediction._Motion.at(log, ["attitude"], starts, 6)
-    # The attitude is unwrapped before the fit of the parabola. The rates are body rates.
+    # The yaw is unwrapped before parabolas are fitted, so the body rates in rows 9 to 11 of the state stay small.
     np.testing.assert_allclose(motion.state[3:5], attitude[starts, :2].T, atol=1e-9)
     turns = (motion.state[5] - yaw[starts]) / (2.0 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     assert np.all(np.linalg.norm(motion.state[9:], axis=0) < 2.0)
 
 
-def test_a_horizon_counts_if_the_flight_continues_without_a_gap_in_the_air():
+def test_a_prediction_is_evaluated_only_if_the_flight_has_no_gap_up_to_the_horizon():
     log = moving([0.0, 0.0, 0.1], seconds=10.0)
     landed = np.where((log.time >= 5.0) & (log.time < 9.0), 0.0, 200.0)
     log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4))
@@ -345,8 +345,8 @@ def test_a_horizon_counts_if_the_flight_continues_without_a_gap_in_the_air():
     assert 0 < np.sum(prediction._continues(log, starts, 20)) < len(starts)
 
 
-def test_errors_are_distances_and_the_angle_between_two_attitudes():
-    """Only the vertical motion is predicted if no attitudes are logged."""
+def test_prediction_errors_are_norms_of_differences_and_the_angle_between_attitudes():
+    """If no attitudes are logged, only vertical errors are computed, because only the vertical motion is predicted."""
     random = np.random.default_rng(5)
     log = moving([0.3, -0.4, 0.9], seconds=1.0)
     starts, steps = np.array([10, 30, 60]), [5, 20]
@@ -379,7 +379,7 @@ def test_a_log_with_too_few_samples_for_the_horizons_is_refused(scenario):
 
 
 @pytest.mark.parametrize(("period", "samples"), [(0.005, 11), (0.01, 6), (0.012, 5), (0.02, 4), (0.05, 4)])
-def test_motion_at_a_start_is_fitted_to_fifty_milliseconds_or_four_samples(scenario, monkeypatch, period, samples):
+def test_parabolas_are_fitted_to_fifty_milliseconds_and_at_least_four_samples(scenario, monkeypatch, period, samples):
     """The fifty milliseconds include the samples at both ends."""
     given = []
 

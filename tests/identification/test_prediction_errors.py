@@ -109,7 +109,8 @@ def test_the_variance_of_a_mean_force_follows_from_its_correlation_time(duration
 
 
 def test_equivalent_axes_share_one_noise_parameter(scenario, log):
-    """All axes of a pose are equivalent, and the x and y axes of rates and forces."""
+    """The three axes of a position or attitude share one parameter. For rates, forces and disturbances, x and y share
+    one parameter, and z has its own."""
     both = POSE + IMU
     alike = made(scenario, log, both).noise_groups
     groups = [
@@ -140,13 +141,13 @@ def test_states_without_influence_on_the_outputs_are_left_out_of_the_filter(scen
         assert {*made(scenario, log, outputs).rows.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
-def test_a_filter_of_heights_has_only_the_vertical_motion_and_a_filter_of_velocities_no_position(scenario, log):
+def test_the_filter_estimates_only_states_that_the_outputs_determine(scenario, log):
     log = replace(log, velocity=np.zeros((200, 3)))
     assert made(scenario, log, [Output("position", 2)]).rows.tolist() == [2, 8, 14]
     velocities = [Output(signal, column) for signal in ("attitude", "velocity") for column in range(3)]
     everything = set(range(NUM_BODY + NUM_DISTURBANCE))
     assert {*made(scenario, log, velocities).rows.tolist()} == everything - {0, 1, 2}
-    # A force along the axes of the body has no constant part along the axes of W.
+    # If disturbances act along the axes of the body, no constant force along the axes of W is estimated.
     model = LogModel(scenario, ["mass"], frame="body")
     windows = [LogWindow(0, 30)]
     assert {*Predictor(model, [log], windows, SIZES, POSE).rows.tolist()} == everything - {18, 19}
@@ -223,7 +224,7 @@ def test_windows_begin_at_the_measured_states_with_zeros_for_unmeasured_states(s
 
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
-def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, log, values, outputs):
+def test_gains_satisfy_the_equations_of_a_kalman_filter(scenario, log, values, outputs):
     """The covariance is corrected, propagated, and increased by process noise, from measurement to measurement."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains = predictor.gains(values, noise)
@@ -257,8 +258,8 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("split", [1, 2])
-def test_errors_computed_with_the_gains_of_a_filter_equal_the_filter_errors(scenario, log, values, outputs, split):
-    """The errors differ from the filter errors if the parameters differ."""
+def test_errors_for_the_parameters_of_the_gains_equal_the_errors_of_the_filter(scenario, log, values, outputs, split):
+    """For other parameters, the errors differ from those of the filter."""
     predictor, noise = made(scenario, log, outputs, split=split), noise_of(outputs)
     gains = predictor.gains(values, noise)
     more = values * [1.001, 1.0]
@@ -290,7 +291,8 @@ def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, valu
     long = made(scenario, log, windows=[LogWindow(0, 30)])
     whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
-    # For other parameters, the window begins, to first order, where the previous window ends with these parameters.
+    # If the parameters change, the initial state of a continued window changes with the final state of the previous
+    # window, to first order.
     flown, begun = predictor._begin(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
@@ -298,8 +300,8 @@ def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, valu
 
 
 @pytest.mark.parametrize(("outputs", "left"), [(POSE, 0.01), (IMU, 0.2)], ids=["pose", "imu"])
-def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values, outputs, left):
-    """The linearised errors differ from those of a filter for the changed noise by a small fraction of the change."""
+def test_linearised_errors_approximate_the_errors_of_a_filter_with_changed_noise(scenario, log, values, outputs, left):
+    """The difference from the errors of the filter is a small fraction of the change that the noise causes."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([0, 2])
     others = [noise, noise_of(outputs, white=1.1), noise_of(outputs, push=1.1), noise_of(outputs, memory=0.9)]
@@ -322,7 +324,7 @@ def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("first", [{"white": 1.1}, {"push": 0.8}, {"memory": 1.2}], ids=lambda first: next(iter(first)))
 def test_several_sets_of_noise_parameters_are_linearised_together(scenario, log, values, outputs, first):
-    """For a change of the noise by 0.1 %, results differ from separate calls by at most 1 % of the change."""
+    """The noise parameters change by 0.1 %. The resulting change differs from that of separate calls by at most 1 %."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([2, 0])
     near = [noise_of(outputs, **(first | {name: first.get(name, 1.0) * 1.001})) for name in ("white", "push", "memory")]
@@ -368,7 +370,7 @@ def test_the_maximum_likelihood_noise_is_the_noise_of_the_log(scenario, values):
 
 
 @pytest.mark.slow
-def test_a_fit_ends_at_the_minimum_of_whitened_errors_with_continued_windows(scenario, log, values):
+def test_a_fit_minimises_the_whitened_errors_of_windows_that_continue_each_other(scenario, log, values):
     """The derivatives with respect to parameters inside their limits are zero.
 
     All other parameters stay at their limits.
@@ -387,7 +389,7 @@ def test_a_fit_ends_at_the_minimum_of_whitened_errors_with_continued_windows(sce
     jacobian = np.einsum("wkp,wk->p", found.jacobian, found.errors) + found.prior * (found.values - 1.2 * values)
     deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.jacobian, found.jacobian) + found.prior)
     assert np.abs(jacobian * deviations)[inside].max(initial=0.0) < 0.5
-    # The weight equals the thrust of the log.
+    # The mass is inside its limits, because the thrust in the log determines the weight.
     assert inside[0]
     assert found.values[0] == pytest.approx(values[0], rel=0.2)
 
@@ -436,8 +438,9 @@ def test_every_window_has_the_same_weight_in_the_estimate_of_the_noise(scenario,
     np.testing.assert_allclose(found.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
 
 
-def test_the_limit_of_the_correlation_time_of_a_force_affects_no_other_noise_parameter(scenario, log, values):
-    """Forces along the axes of the body last at most 0.25 s; longer ones are errors of the thrust."""
+def test_limiting_the_correlation_time_of_forces_leaves_other_noise_parameters_free(scenario, log, values):
+    """Forces along the axes of the body have a correlation time of at most 0.25 s, because forces that last longer are
+    errors of the thrust curve."""
     model = LogModel(scenario, ["mass"], frame="body")
     predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     begun = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))

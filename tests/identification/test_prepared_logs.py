@@ -105,7 +105,7 @@ def test_the_step_of_the_model_is_at_most_about_a_hundredth_of_a_second(
     predictor = logs.predictor((), logs.flying, horizon=True)
     assert predictor.split == split
     assert predictor.inputs.period == pytest.approx(period / split)
-    # The margin holds a delay of 0.15 s plus one sample.
+    # The inputs extend beyond the window by at least a delay of 0.15 s plus one sample.
     assert predictor.inputs.margin * predictor.inputs.period >= 0.15 + period
 
 
@@ -159,7 +159,7 @@ def pushed() -> FlightRecord:
 
 
 @pytest.mark.parametrize("kind", ["thrust", "share of hover", "share of full thrust"])
-def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signals(
+def test_a_residual_force_is_converted_with_the_commanded_thrust_from_the_logged_signals(
     attitudes: Scenario, pushed: FlightRecord, kind: str
 ) -> None:
     vehicle = attitudes.vehicle
@@ -180,7 +180,9 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Scenario, pushed: FlightRecord) -> None:
+def test_a_residual_force_is_ignored_if_the_commanded_thrust_is_unknown(
+    attitudes: Scenario, pushed: FlightRecord
+) -> None:
     """Neither a thrust fraction without a thrust curve nor a hover thrust fraction gives the commanded thrust."""
 
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
@@ -192,14 +194,15 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
     assert not converted(fraction, attitudes.model_copy(update={"nominal": nominal}))
     assert not converted(pushed)
     assert not converted(replace(pushed, hover_thrust_fraction=np.full(50, 0.4)))
-    # A logged specific force has priority. The axes of the residual force are unknown if no attitude is logged.
+    # The residual force is also ignored if a specific force is logged, or if no attitude is logged, since the axes of
+    # the force are then unknown.
     assert not converted(replace(fraction, specific_force=np.zeros((50, 3))))
     assert not converted(replace(fraction, attitude=None))
     assert not converted(replace(fraction, residual_force=None))
 
 
-def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: Scenario) -> None:
-    """The model has a level vehicle, but the returned scenario, to which estimates are written, is the given one."""
+def test_a_log_of_heights_is_modelled_with_a_vehicle_that_stays_level(rotors: Scenario, attitudes: Scenario) -> None:
+    """Only the scenario of the model changes. The returned scenario, to which estimates are written, is unchanged."""
     logs, scenario = prepare([log_of(3.0, "position")], rotors)
     assert scenario is rotors
     assert logs.scenario.laboratory.autopilot.models_vehicle

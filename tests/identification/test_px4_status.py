@@ -166,7 +166,7 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     assert (
         remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by the parameters PWM_MAIN_FUNC1 and so on"
     )
-    # A limit of 0 µs is valid; a negative one refers to the next parameter.
+    # A limit of 0 µs is valid. If `PWM_MAIN_MIN` is negative, the more general parameter `PWM_MIN` applies.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
     found, remarks = with_motor_pulses(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]

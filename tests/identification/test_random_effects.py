@@ -32,13 +32,13 @@ def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> E
 
 
 def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> FlightSegments:
-    """Return stretches with one parameter, from estimates and the variances of their errors."""
+    """Return stretches of flight with estimates of one parameter and the variances of the estimation errors."""
     information = 1.0 / variances[:, None, None]
     nothing = np.zeros((len(estimates), 1))
     return FlightSegments(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
 
 
-def test_a_parameter_without_information_does_not_vary() -> None:
+def test_the_variation_of_a_parameter_is_zero_if_the_log_contains_no_information_on_it() -> None:
     rng = np.random.default_rng(5)
     told = evidence(rng, deviation=0.5)
     nothing = np.zeros(2)
@@ -61,7 +61,7 @@ def test_a_parameter_without_information_does_not_vary() -> None:
     assert mean.covariance[2, 2] == 0.0
 
 
-def test_each_stretch_is_fitted_separately() -> None:
+def test_each_stretch_of_flight_is_fitted_separately() -> None:
     """One Gauss-Newton step is exact for a linear model, so the test compares it with a refit of each stretch."""
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(20, 5, 2))
@@ -104,7 +104,7 @@ def test_error_variances_follow_from_the_scatter_of_windows_within_a_stretch(win
     assert stretches.duration == pytest.approx(0.5)
 
 
-def test_error_variances_are_those_of_the_model_if_each_stretch_has_one_window() -> None:
+def test_error_variances_follow_from_the_information_if_each_stretch_of_flight_has_one_window() -> None:
     own = evidence(np.random.default_rng(12), deviation=3.0, windows=NUM_SEGMENTS, samples=40)
     stretches = FlightSegments.of(own._replace(scales=np.full(2, 0.3)))
     nominal = np.linalg.inv(own.information + np.eye(2) / 0.09)
@@ -137,7 +137,7 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     # Stretches with large errors have less weight; here, only the first ten matter.
     variances[10:] = 1e9
     assert own.correlation(np.ones(3))[0, 2] == pytest.approx(np.corrcoef(one[:10], other[:10])[0, 1], rel=1e-3)
-    # The variation has these correlations, and the standard deviation of each parameter.
+    # The covariance of a variation follows from these correlations and from the variance of each parameter.
     evidences = evidence(rng, deviation=2.0)
     varied = estimate_variation(evidences)
     stretches = FlightSegments.of(evidences)
@@ -148,7 +148,7 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     assert varied.duration == 8.0
 
 
-def test_a_variation_can_be_restricted_to_parameters_and_extended_by_parameters() -> None:
+def test_a_variation_can_be_reduced_to_some_parameters_and_extended_by_unknown_ones() -> None:
     whole = Variation(np.arange(9.0).reshape(3, 3), 9.0, 8.0)
     part = whole.subset([2, 0])
     np.testing.assert_array_equal(part.covariance, [[8.0, 6.0], [2.0, 0.0]])
@@ -158,7 +158,7 @@ def test_a_variation_can_be_restricted_to_parameters_and_extended_by_parameters(
     assert not extended.covariance[:2, 2:].any()
 
 
-def test_the_variance_of_the_errors_is_subtracted_from_that_between_stretches() -> None:
+def test_the_variance_of_estimation_errors_is_subtracted_from_the_variance_between_stretches() -> None:
     """The variance between stretches is s² - v, for the sample variance s² and equal error variances v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
     found = stretches_of(estimates, np.full(10, 2.0)).variance_between()
@@ -193,7 +193,7 @@ def test_variation_is_found_only_in_the_parameter_that_varies() -> None:
     assert np.median(found[:, 0]) == 0.0
 
 
-def test_too_few_windows_give_no_variation() -> None:
+def test_a_variation_is_estimated_from_at_least_twenty_windows() -> None:
     own = evidence(np.random.default_rng(2), deviation=1.0, windows=20)
 
     def first(count):
@@ -208,7 +208,7 @@ def test_too_few_windows_give_no_variation() -> None:
     assert uncertainty_of_mean(unsure, few, None) is unsure
 
 
-def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None:
+def test_the_variance_of_a_parameter_that_varies_is_the_jackknife_variance_over_stretches_of_flight() -> None:
     """The uncertainty of a parameter that does not vary is unchanged."""
     own = evidence(np.random.default_rng(4), deviation=2.0)
     blocks = np.arange(60) * NUM_SEGMENTS // 60
@@ -239,7 +239,7 @@ def test_intervals_cover_the_estimates_from_held_out_stretches(deviation) -> Non
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_model() -> None:
+def test_a_parameter_that_only_one_stretch_determines_has_the_variance_for_a_correct_model() -> None:
     """The parameter has one degree of freedom, since all other stretches contain no information on it."""
     own = evidence(np.random.default_rng(7), deviation=0.0)
     alone = np.arange(60) * NUM_SEGMENTS // 60 == 3
@@ -250,7 +250,8 @@ def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_
         scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
     )
     mean = FlightSegments.of(apart).uncertainty()
-    # The estimate does not depend on the other blocks, so its variance is the variance for a correct model.
+    # Leaving out another stretch does not change the estimate, so the jackknife variance is zero. The variance for a
+    # correct model replaces it.
     assert mean.covariance[1, 1] == pytest.approx(1.0 / apart.information[:, 1, 1].sum())
     assert mean.degrees_of_freedom[1] == 1.0
     drag = apart._replace(

@@ -27,10 +27,10 @@ CLOCK_SHIFTS = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
 
 
 def rolling(shifts, *, lost=()):
-    """Return a log of roll and pitch motion, whose attitude is delayed by a different time in each part of two seconds.
+    """Return a log of roll and pitch motion. The delay of the attitude is different in each two-second part of the log.
 
     Args:
-        shifts: (20,) delay of the attitude, s.
+        shifts: (20,) delay of the attitude in each part, s.
         lost: signals that are not logged.
     """
     shift = np.repeat(shifts, len(TIME) // 20)
@@ -55,14 +55,14 @@ def shifts_of(record):
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.03])
-def test_a_constant_shift_is_the_same_in_all_parts(shift):
+def test_a_constant_time_shift_is_found_in_all_parts_of_a_log(shift):
     """The shift is positive if the body rates lag the attitude. In this log, the attitude lags the body rates."""
     found = shifts_of(rolling(np.full(20, shift)))
     assert len(found) >= 18
     np.testing.assert_allclose(found, -shift, atol=1e-3)
 
 
-def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
+def test_no_time_shift_is_found_in_short_logs_or_between_unrelated_signals():
     """At least fifty windows of 0.1 s are required. Parts without a common motion are left out."""
     record = rolling(np.zeros(20))
     for count in (10, 40, 58, 220):
@@ -84,8 +84,8 @@ def test_only_on_board_sensors_are_used_if_clocks_drift():
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
-def test_a_constant_shift_is_not_taken_for_a_clock_drift():
-    """Body rates that lag may be derived from the attitude."""
+def test_a_constant_time_shift_is_not_taken_for_a_clock_drift():
+    """The body rates lag the attitude by a constant time, as if they were derived from the attitude."""
     record = rolling(np.full(20, -0.03))
     assert synchronise([record]) == ([record], False, [])
 
@@ -118,7 +118,7 @@ def test_a_clock_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
         ([[0.01, -0.01, 0.01, -0.01]], True),
         ([[0.0078, -0.0078] * 4], False),
         ([[0.0082, -0.0082] * 4], True),
-        # Each log may have a different mean shift; the parts of all logs count together.
+        # The mean time shift of each log is subtracted. The scatter is then computed from the parts of all logs.
         ([[0.05, 0.05], [-0.05, -0.05]], False),
         ([[0.05, 0.03], [0.01, -0.01]], True),
         ([[], [0.01, -0.01, 0.01, -0.01]], True),
@@ -141,7 +141,8 @@ def test_a_clock_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkey
 
 
 def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
-    """A slower log keeps its rate. If one log has no gyroscope, all records are unchanged."""
+    """If the clocks differ, logs are averaged to a period of 0.03 s. A log with a longer period keeps its period. If
+    one log has no gyroscope, all records are unchanged."""
     compared = []
 
     def shifts_of_part(signals, time):
@@ -170,11 +171,11 @@ def test_a_log_of_fewer_than_256_samples_in_flight_has_no_spectrum():
     white = replace(whole, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
     assert fast_command_fraction(white.subset(slice(255))) == 0.0
     assert fast_command_fraction(white.subset(slice(256))) > 0.3
-    # Constant commands have no power. Rotor speeds count as commands.
+    # Constant commands contain no fast components. Rotor speed commands are treated like throttles.
     assert fast_command_fraction(whole) == 0.0
     speeds = replace(white, motor_command=None, rotor_speed_command=400.0 * white.motor_command)
     assert fast_command_fraction(speeds) == pytest.approx(fast_command_fraction(white))
-    # Only flight counts, and a slow drift of the commands is removed.
+    # Commands on the ground are ignored, and a slow drift of the commands is removed.
     landed = np.where((TIME > 20.0)[:, None], 0.0, white.motor_command)
     assert fast_command_fraction(replace(white, motor_command=landed)) == pytest.approx(0.5, abs=0.05)
     drifting = white.motor_command + np.outer(TIME, [0.1, -0.1, 0.05, -0.05])
@@ -210,10 +211,10 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
 
 
-def test_a_rotor_lag_has_the_error_of_a_ramp_that_is_averaged_and_held():
-    """The expected error follows from a simulation of the ramp.
+def test_the_variance_of_the_rotor_time_constant_includes_the_error_of_averaged_commands():
+    """The expected error is the error of the lag if a ramp command is averaged over periods and held.
 
-    It increases the variance of the rotor time constant, and leaves all correlations and all other parameters
+    The error increases the variances of the rotor time constants. All correlations and all other variances are
     unchanged.
     """
     lag, period = 0.05, 0.02

@@ -71,7 +71,7 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     mass = scenario.vehicle.mass
     command = np.full((200, 4), 200.0)
     thrust = 4.0 * scenario.vehicle.thrust_factor * 200.0**2 / mass
-    # The position is the double integral of the specific thrust along (0, -sin, cos), and of gravity.
+    # The position is the double integral of gravity and of the specific thrust along (0, -sin(roll), cos(roll)).
     across, up = thrust * np.array([np.sin(roll) / 9.0, -np.cos(roll) / 9.0])
     position = np.column_stack([0.0 * time, across, up - 0.5 * scenario.vehicle.gravity * time**2])
     attitude = np.column_stack([np.arctan2(np.sin(roll), np.cos(roll)), 0.0 * time, 0.0 * time])

@@ -55,13 +55,13 @@ def record_of(flight, begin=0.0):
 
 @pytest.fixture(scope="module")
 def flown(scenario):
-    """Return the log of a flight that begins with a rest, as predictions do."""
+    """Return the log of a flight whose route is a logged reference after an initial rest, as in a prediction."""
     begun = logged_reference(record_of(simulate(scenario, compiled=True)), rest=REST_DURATION)
     return record_of(simulate(on_route(scenario, begun), compiled=True), REST_DURATION)
 
 
-def test_error_statistics_are_computed_per_axis_and_for_the_distance():
-    """Errors of 3 along x and 4 along y are a distance of 5. The largest error omits the largest 5 % of the samples."""
+def test_error_statistics_are_computed_for_each_axis_and_for_the_distance():
+    """Errors of 3 along x and 4 along y give a distance of 5. The statistic `largest` is the 95th percentile."""
     figures = ErrorStatistics.of(np.array([[3.0, 4.0, 0.0], [-3.0, 4.0, 0.0]]))
     np.testing.assert_allclose(figures.rmse, [3.0, 4.0, 0.0, 5.0])
     np.testing.assert_allclose(figures.mean, [0.0, 4.0, 0.0, 5.0])
@@ -71,15 +71,16 @@ def test_error_statistics_are_computed_per_axis_and_for_the_distance():
     np.testing.assert_allclose(ErrorStatistics.of(steps).largest, [0.0, 0.0, 95.0, 95.0])
 
 
-def test_the_vehicle_that_flew_the_log_predicts_its_errors(scenario, flown):
-    """The errors differ only because the fitted reference is inexact and its acceleration is fed forward."""
+def test_the_true_vehicle_predicts_the_position_errors_of_the_log(scenario, flown):
+    """Predicted and logged errors differ only because the route fitted to the logged reference is inexact, and its
+    acceleration is fed forward."""
     found = compare_with_log(flown, scenario, samples=1, rest=REST_DURATION)
     assert found.predicted.shape == (1, *found.logged_error.shape)
     assert np.abs(found.logged_error).max() > 0.02
     np.testing.assert_allclose(found.predicted[0], found.logged_error, atol=1e-3)
 
 
-def test_errors_count_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
+def test_errors_are_evaluated_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
     found = compare_with_log(flown, scenario, samples=1, rest=REST_DURATION)
     gone = np.linalg.norm(flown.reference_position - flown.reference_position[0], axis=1)
     first = np.searchsorted(flown.time, found.time[0])
@@ -141,13 +142,13 @@ def test_a_crash_is_an_infinite_error():
     assert found.within("rmse").tolist() == [True] * len(AXES)
 
 
-def test_the_typical_sample_has_the_median_error():
+def test_the_sample_with_the_median_error_is_chosen():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).median_sample() == 4
-    # If the number of samples is even, the typical sample has the smaller of the two middle errors.
+    # If the number of samples is even, the sample with the smaller of the two middle errors is chosen.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).median_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).median_sample() == 0
-    # The error is the distance over all axes. The first of several equal samples is chosen.
+    # The error is the norm over all axes. If several samples have the same error, the first of them is chosen.
     sideways = errors * [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).median_sample(), 0)
 
@@ -171,7 +172,8 @@ def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, flown
     np.testing.assert_array_equal(log["state"][:, :3], flown.position[: len(log.time)])
     np.testing.assert_array_equal(log["state"][:, 3:6], flown.attitude[: len(log.time)])
     assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
-    # The predicted flight is the typical sample. Both flights show measured states and the same reference.
+    # The predicted flight is the sample with the median error. Both flights show measured states and the same
+    # reference.
     flight = simulate(found.scenario, sample=found.median_sample(), compiled=True)
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST_DURATION])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)

@@ -39,7 +39,7 @@ CRAZYFLIE_ESTIMATES = {
 SOURCE = Source("multiple shooting", "hover_1.bin")
 CRAZYFLIE = "diagrams/vehicles/crazyflie_onboard.yaml"
 DELAY_TICKS = "laboratory.command_link.delay_ticks"
-NEGATIVE_DRAG = "body_drag.linear[1]"
+PARAMETER_WITH_NEGATIVE_ESTIMATE = "body_drag.linear[1]"  # its value in `CRAZYFLIE_ESTIMATES` is negative
 
 
 def correlated(count):
@@ -79,7 +79,7 @@ def written(estimates, base, tmp_path_factory):
 @pytest.fixture(scope="module")
 def nominal(estimates, base, tmp_path_factory):
     """Return a vehicle whose nominal parameters are also the estimates."""
-    path = tmp_path_factory.mktemp("believed") / "my_drone.yaml"
+    path = tmp_path_factory.mktemp("nominal") / "my_drone.yaml"
     return load_undesigned(write_vehicle(path, "my-drone", estimates, base=base, nominal=True))
 
 
@@ -103,7 +103,7 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
     wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
     scale = wider**2 * np.outer(part.deviations, part.deviations)
     # A negative drag is written as zero, and all other parameters as their estimates.
-    values = np.where(np.array(drawn) == NEGATIVE_DRAG, 0.0, part.values)
+    values = np.where(np.array(drawn) == PARAMETER_WITH_NEGATIVE_ESTIMATE, 0.0, part.values)
     np.testing.assert_allclose((joint.mean[order] - values) / part.deviations, 0.0, atol=1e-5)
     found = joint.covariance[np.ix_(order, order)] / scale
     np.testing.assert_allclose(np.diag(found), 1.0, rtol=2e-5)
@@ -131,7 +131,7 @@ def test_a_long_name_in_a_comment_is_not_broken(base, tmp_path):
     assert path.read_text(encoding="utf-8").count(source.log) == 2
 
 
-def test_the_variation_between_stretches_is_in_the_distribution_and_the_comment(base, tmp_path):
+def test_a_written_distribution_and_its_comment_include_the_variation_between_stretches_of_flight(base, tmp_path):
     """The interval would be a third as wide if the variation were left out."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
     found = estimates_of({name: CRAZYFLIE_ESTIMATES[name] for name in ("mass", "inertia[0]")}, variation=mean)
@@ -147,7 +147,7 @@ def test_the_variation_between_stretches_is_in_the_distribution_and_the_comment(
     assert text.count("correlated.") == 1
 
 
-def test_the_comment_on_a_variation_between_flights_refers_to_another_flight(base, tmp_path):
+def test_the_interval_in_a_comment_is_for_another_flight_if_the_variation_between_flights_is_known(base, tmp_path):
     both = {"variation": Variation(np.array([[1e-12]]), 40.0, 8.2), "flight_variation": Variation(np.eye(1), 2.0, 9.0)}
     text = text_of(
         write_vehicle(tmp_path / "m.yaml", "m", estimates_of({"mass": CRAZYFLIE_ESTIMATES["mass"]}, **both), base=base)
@@ -210,8 +210,11 @@ def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
     assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
-def test_a_vehicle_that_takes_rotor_speeds_gets_throttle_motors(root, tmp_path):
-    """The log determines two of three coefficients. The rotor speed ranges from zero to the maximum of the curve."""
+def test_a_vehicle_with_rotor_speed_motors_gets_throttle_motors_with_the_estimated_curve(root, tmp_path):
+    """The log determines two of the three coefficients of the thrust curve, so the third is zero.
+
+    The rotor speed limits become zero and a speed above that of full throttle.
+    """
     found = estimates_of({"motors.curve[0]": (0.02, 0.002), "motors.curve[2]": (0.3, 0.006)})
     base = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
     assert load_undesigned(base).vehicle.min_rotor_speed > 0.0
@@ -262,7 +265,7 @@ def test_rotor_time_constants_of_both_directions_are_written(base, tmp_path):
     assert vehicle.rotor_time_constant_down.normal.mean == 0.08
 
 
-def test_the_rotor_speed_limit_of_the_base_does_not_limit_the_thrust_curve(base, tmp_path):
+def test_the_rotor_speed_limit_of_the_base_scenario_does_not_limit_the_thrust_curve(base, tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
     found = estimates_of(
@@ -272,7 +275,7 @@ def test_the_rotor_speed_limit_of_the_base_does_not_limit_the_thrust_curve(base,
     assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
-def test_values_are_written_to_a_small_fraction_of_their_standard_deviation(base, tmp_path):
+def test_the_rounding_errors_of_written_values_are_small_fractions_of_their_standard_deviations(base, tmp_path):
     """Many digits are needed, since a sum of parameters may be known much better than each parameter."""
     found = estimates_of({"mass": (0.0334512345678, 2e-7), "inertia[0]": (1.712345678e-5, 1.5e-6)})
     path = write_vehicle(tmp_path / "new.yaml", "new", found, base=base)
@@ -346,7 +349,7 @@ def test_the_vehicle_flies_in_a_laboratory(loop):
 
 
 @pytest.mark.long
-def test_a_study_draws_from_its_distributions(loop, vehicle):
+def test_a_study_draws_samples_from_the_distributions_in_a_vehicle_file(loop, vehicle):
     study = run_monte_carlo(load_scenario(loop), 40, 2, num_workers=1)
     assert (study.failures, study.metrics.crashed.any()) == ({}, np.False_)
     assert set(study.parameters) == set(distributions_in(vehicle))
@@ -355,7 +358,7 @@ def test_a_study_draws_from_its_distributions(loop, vehicle):
     assert np.corrcoef(curve[1:])[0, 1] < -0.95
 
 
-def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
+def test_an_estimated_attitude_response_replaces_the_autopilot_of_the_base_scenario(root, tmp_path):
     """Fields that the response requires are added to the file. Effects that it includes, such as the reaction torque,
     are switched off."""
     found = {
@@ -392,13 +395,13 @@ def test_an_attitude_response_replaces_the_attitude_controller_of_a_laboratory(r
     assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
 
 
-def test_a_base_without_an_attitude_response_is_extended_without_one(root, tmp_path):
+def test_the_autopilot_of_the_base_scenario_is_kept_if_no_attitude_response_is_estimated(root, tmp_path):
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of({"mass": (0.03345, 2e-4)}), base=base)
     assert load_undesigned(path).laboratory.autopilot == load_undesigned(base).laboratory.autopilot
 
 
-def test_part_of_an_attitude_response_of_the_base_may_be_estimated(root, tmp_path):
+def test_the_damping_of_the_base_scenario_is_kept_if_only_the_natural_frequency_is_estimated(root, tmp_path):
     base = f"{root / 'diagrams' / 'vehicles' / 'neural_fly.yaml'}:neural_fly"
     found = {f"autopilot.natural_frequency[{i}]": (9.0 + i, 0.2) for i in range(3)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base)
@@ -422,7 +425,7 @@ def test_distributions_of_the_initial_vehicle_are_kept(base, tmp_path):
 
 
 def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path):
-    """The estimates of I_xx and I_yy are too small for the I_zz of the base by more than rounding errors."""
+    """The estimates of I_xx and I_yy are too small for I_zz of the base vehicle, by more than rounding errors."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, nominal=True)
     excess = 2.98e-5 - 2.5e-5
@@ -501,7 +504,7 @@ def test_overrides_are_written_unless_they_set_an_identified_parameter():
             vehicle_file._add_override(tree, wrong)
 
 
-def test_overrides_are_written_and_determine_the_nominal_full_thrust(root, tmp_path):
+def test_overrides_are_written_to_the_file_and_used_for_the_full_thrust_of_nominal_motors(root, tmp_path):
     given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
@@ -532,7 +535,7 @@ def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, 
     "unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")]
 )
 def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_path, unknown):
-    """The curve is an exception: its coefficients are correlated, so all of them are written if one is identified."""
+    """All coefficients of the thrust curve are written if one of them is identified, because they are correlated."""
     sheet = load_undesigned(base)
     found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
     curve = {f"motors.curve[{index}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{index}]"] for index in range(3)}
@@ -548,7 +551,7 @@ def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_
     assert nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
 
 
-def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(base, tmp_path):
+def test_the_thrust_curve_is_not_written_to_nominal_if_no_coefficient_is_identified(base, tmp_path):
     """Neither the curve of the data sheet nor the limits of the rotors change."""
     curve = {f"motors.curve[{index}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{index}]"] for index in range(3)}
     estimates = replace(estimates_of(curve), not_identified=dict.fromkeys(curve, "it hardly moves"))
@@ -559,8 +562,8 @@ def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(bas
     assert found == plain
 
 
-def test_estimates_that_nominal_can_contain_are_listed(vehicle, nominal):
-    """`nominal` has no field for any other estimate."""
+def test_estimates_in_the_section_nominal_are_listed(vehicle, nominal):
+    """The section `nominal` of a vehicle file has no field for any other estimate."""
     names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
     assert sorted(nominal_estimates(nominal)) == sorted(names)
     assert nominal_estimates(vehicle) == []

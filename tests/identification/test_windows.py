@@ -40,7 +40,7 @@ def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
 
 
 def test_a_quarter_of_a_second_without_throttle_counts_as_flight() -> None:
-    """A quarter of a second without thrust counts as a manoeuvre."""
+    """A manoeuvre in the air may need no thrust for a short time."""
     command = np.full((2000, 4), 0.5)
     command[1000:1025] = 0.0
     assert airborne_mask(record(motor_command=command))[900:1100].all()
@@ -55,8 +55,8 @@ def test_a_second_around_a_collision_is_left_out() -> None:
     assert flying[[899, 1101]].all()
 
 
-def test_windows_follow_one_another_and_do_not_span_a_gap() -> None:
-    """A gap of 0.1 s after sample 500 begins another piece, in which the settling time must fit, too."""
+def test_windows_are_adjacent_and_do_not_span_a_gap() -> None:
+    """A gap of 0.1 s after sample 500 begins another segment. The settling time must fit into each segment."""
     base = record(10.0)
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
@@ -80,7 +80,7 @@ def test_the_last_third_of_the_flight_is_held_out() -> None:
     assert np.flatnonzero(held_out_mask(flying, 1.0 / 3.0)).tolist() == list(range(500, 700))
 
 
-def test_angles_wrap_in_a_coarser_record() -> None:
+def test_downsampling_averages_angles_across_the_wrap_at_180_degrees() -> None:
     """The vehicle turns at a constant rate. The mean of angles on both sides of ±180° is not 0°."""
     yaw = 0.7 * PERIOD * np.arange(2000.0)
     angles = np.column_stack([np.zeros(2000), np.zeros(2000), np.arctan2(np.sin(yaw), np.cos(yaw))])
@@ -91,7 +91,7 @@ def test_angles_wrap_in_a_coarser_record() -> None:
     assert np.abs(few.attitude).max() <= np.pi
 
 
-def test_a_second_around_a_steep_pitch_is_left_out_and_reported() -> None:
+def test_a_second_around_a_pitch_near_90_degrees_is_left_out_and_reported() -> None:
     """Roll and yaw are noise near a pitch of 90°."""
     angles = np.zeros((2000, 3))
     angles[1000:1020, 1] = np.radians(-80.0)
@@ -103,8 +103,9 @@ def test_a_second_around_a_steep_pitch_is_left_out_and_reported() -> None:
     assert sentence.startswith("the log 'hover' pitches beyond 75 degrees for 0.2 s, which are left out")
 
 
-def test_a_coarser_record_averages_commands_after_each_sample_and_measurements_around_it() -> None:
-    """A measured ramp is unchanged at the samples. A held command is averaged over the following step."""
+def test_downsampling_averages_commands_after_each_sample_and_measurements_around_it() -> None:
+    """The mean of a measured ramp around a sample is its value at the sample. A command acts in the step that follows
+    the sample, so its mean is over this step."""
     ramp = np.arange(2000.0)
     tilted = record(motor_command=np.tile(ramp[:, None], 4), specific_force=np.tile(ramp[:, None], 3))
     for step in (4, 5):
@@ -159,14 +160,14 @@ def test_motor_commands_have_priority_in_detecting_flight() -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_twice_the_weight_in_any_direction_is_a_collision(axis: int, sign: float) -> None:
+def test_a_specific_force_above_twice_the_weight_in_any_direction_is_a_collision(axis: int, sign: float) -> None:
     for size, flies in ((1.98 * 9.81, True), (2.02 * 9.81, False)):
         force = np.zeros((2000, 3))
         force[1000, axis] = sign * size
         assert airborne_mask(record(specific_force=force))[1000] == flies
 
 
-def test_roll_does_not_make_an_attitude_steep() -> None:
+def test_a_sample_is_excluded_if_its_pitch_exceeds_75_degrees_but_not_for_its_roll_or_yaw() -> None:
     for column, flies in ((0, True), (1, False), (2, True)):
         angles = np.zeros((2000, 3))
         angles[1000, column] = np.radians(76.0)
@@ -210,7 +211,7 @@ def test_gaps_are_steps_of_more_than_three_periods() -> None:
         )
 
 
-def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_steps() -> None:
+def test_downsampling_averages_whole_steps_and_does_nothing_if_the_step_is_one_sample() -> None:
     whole = record(1.03)
     assert downsample(whole, 1) is whole
     for step in (2, 3, 4):

@@ -23,7 +23,7 @@ from drake_quad.identification.logs.attitudes import rotation_matrices
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
-_MAX_GRID_SIZE = 6_000  # largest number of grid steps, from the middle of the log: a minute at 10 ms
+_MAX_GRID_SIZE = 6_000  # a minute with steps of 10 ms; only the middle part of a longer log is checked
 _MIN_WINDOWS = 50  # smallest number of windows in which two signals are compared
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s, window in which rotations are compared
@@ -54,7 +54,7 @@ _MAX_RESPONSE_TIME = 0.5  # s, largest delay from a command to the signal that f
 # Two signals contradict each other if they disagree by at least this value and no single fault explains it.
 _MIN_CONTRADICTION = 0.85
 _OPPOSITE_DISAGREEMENT = 1.2  # signals with a larger disagreement are opposite rather than independent
-_ROUNDING_ERROR = 1e-9  # relative amplitude of a constant with rounding errors
+_ROUNDING_ERROR = 1e-9  # a signal with a smaller amplitude, relative to the signal it is compared with, is constant
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -154,7 +154,7 @@ class _Grid:
         return _Grid(self.signals, self.step, self.usable, stride=stride)
 
     def repaired(self, fault: Fault) -> "_Grid":
-        """Return the grid with a fault repaired. Cached quantities that do not depend on the fault are kept."""
+        """Return this grid with a fault repaired. Cached quantities that do not depend on the fault are kept."""
         result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable, stride=self.stride)
         result._starts = self._starts
         for quantity, sources in _SOURCES.items():
@@ -307,7 +307,7 @@ def _cumulative_integral(values: np.ndarray, steps: np.ndarray | float) -> np.nd
 
 
 def _pairs(grid: _Grid, changed: Iterable[str] | None = None) -> dict["_Comparison", _Pair]:
-    """Return the pairs of signals that can be compared, by the function that returns the pair.
+    """Return the pairs of signals that can be compared. The keys are the functions of `_COMPARISONS`.
 
     Pairs with too few windows, and pairs that need motion in a log without motion, are left out.
 
@@ -367,7 +367,7 @@ def _size_of_force(grid: _Grid) -> _Pair:
 
 
 def _tilt(grid: _Grid) -> _Pair:
-    """Return the pair that compares the horizontal acceleration with the one that a thrust along body z would cause."""
+    """Return the horizontal acceleration, and the one that a thrust along body z would cause, as a pair."""
     expected, measured = grid.expected_force[:, :2], grid.tangent * np.maximum(grid.expected_force[:, 2:], 0.0)
     return _Pair("attitude", "the horizontal acceleration", expected, measured, 0.2, ("x", "y"), is_exact=False)
 
@@ -395,7 +395,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Comparisons, each with the groups of signals that it needs: it is possible if one signal of each group is logged.
+# Comparisons, each with groups of signals. A comparison is possible if at least one signal of each group is logged.
 _Comparison = Callable[[_Grid], _Pair]
 _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
@@ -417,7 +417,7 @@ _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
 
 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
-    """Return the fault whose repair improves the agreement most, with the pair and the axis that improve most."""
+    """Return the fault whose repair makes the signals agree best, with the pair and the axis that it improves most."""
     # Consecutive windows overlap almost completely, so the search uses one window per `_SEARCH_STRIDE`.
     grid = grid.with_stride(grid.samples(_SEARCH_STRIDE))
     pairs = _pairs(grid)

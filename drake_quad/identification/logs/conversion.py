@@ -85,7 +85,7 @@ class _Channel(NamedTuple):
 
 
 class _Clocks:
-    """Clocks of the tables, with increasing times."""
+    """Clocks of the tables of a log. Samples whose time does not increase are removed."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -332,7 +332,7 @@ def _common_samples(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np
 
 
 def _resampled(channel: _Channel, clock: np.ndarray, is_common: np.ndarray) -> np.ndarray:
-    """Return the values of a signal at the common samples of the clock."""
+    """Return the values of a signal at the clock samples at which all signals are known, given by a mask."""
     if channel.clock is clock and channel.is_complete:
         values = channel.values[is_common]
     else:

@@ -125,7 +125,7 @@ def faults(signals: _Signals) -> Iterator[Fault]:
 
 
 def _common_faults(signals: _Signals) -> Iterator[Fault]:
-    """Yield the possible faults that involve the attitude and other signals."""
+    """Yield the possible faults whose repair needs the attitude, or changes several signals."""
     if "attitude" not in signals:
         return
     known = tuple(name for name in AXES if name in signals)

@@ -242,16 +242,18 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _check(name: str, source: dict[str, Any], path: _Path) -> None:
-    """Raise an error if a source does not fit its signal. The validation of the fields checks the types later."""
+    """Raise an error if the source of a signal does not fit the signal. The types of its fields are checked later."""
     source = {field: value for field, value in source.items() if value is not None}
     if ("columns" in source) == ("column" in source):
-        raise _error(path, "must have either columns or column")
+        raise _error(path, "must have either `columns` or `column`")
     _check_unit(name, source, path)
     _check_frame(name, source, path)
     if "quaternion" in source and name not in ATTITUDES:
         raise _error((*path, "quaternion"), "must not be given: {name} is not an attitude", name=name)
     if "rotors" in source and COLUMNS[name] != _NUM_ROTORS:
-        raise _error((*path, "rotors"), "must not be given: {name} has no value for each rotor", name=name)
+        raise _error(
+            (*path, "rotors"), "must not be given: {name} is not a signal with one value for each rotor", name=name
+        )
     width = _NUM_QUATERNION_COMPONENTS if "quaternion" in source else COLUMNS[name]
     for field in ("columns", "factor", "rotors"):
         values = source.get(field)

@@ -11,7 +11,7 @@ _MIN_JUMP = 0.1  # m
 _MAX_ACCELERATION = 500.0  # m/s², more than any quadrotor reaches
 _MAX_NOISE_RATIO = 8.0  # largest step that noise can cause, relative to the median step
 _MIN_FLIGHT_HEIGHT = 0.25  # m; a vehicle that stays below this height may be standing on the ground
-_MIN_FAR_DISTANCE = 2.0  # m; a reference within this distance is plausible even if the vehicle moves less
+_PLAUSIBLE_DISTANCE = 2.0  # m; a reference that is nearer to the vehicle is plausible, even if the vehicle stands still
 
 
 def position_jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
@@ -63,7 +63,7 @@ def implausible_signals(signals: dict[str, np.ndarray], time: np.ndarray) -> Ite
         yield (f"the height stays between {height.min():.2g} and {height.max():.2g} m: the vehicle may not have flown")
     if reference is not None:
         distance = np.linalg.norm(reference - position, axis=1)
-        max_distance = max(_MIN_FAR_DISTANCE, float(np.linalg.norm(np.ptp(position, axis=0))))
+        max_distance = max(_PLAUSIBLE_DISTANCE, float(np.linalg.norm(np.ptp(position, axis=0))))
         far_samples = np.flatnonzero(distance > max_distance)
         if len(far_samples):
             yield (

@@ -119,7 +119,7 @@ class LogFile(NamedTuple):
 
 
 def exception_clause(error: Exception) -> str:
-    """Return the message of a library's exception as a clause."""
+    """Return the message of a library's exception in one line, for the end of a sentence."""
     return shorten_text(" ".join(str(error).split()) or type(error).__name__)
 
 

@@ -1,1 +1,1 @@
-"""Identification of the position law that flew a log."""
+"""Identification of the position control law from the log of a flight under this law."""

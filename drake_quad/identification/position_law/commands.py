@@ -25,17 +25,21 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import thrust_of_fraction
 from drake_quad.scenario.models import Scenario
 
+# Relations between the output of a position law and the commands of attitude and thrust, see `law_output`.
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
 # A command is at a limit if many of its samples are near an extreme. The number of samples of a smooth signal within a
 # margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a limit.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_COUNT_RATIO = 5.0  # smallest ratio, at a limit, of the number of samples within δ to that between δ and 2 δ
-_MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
-# A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
+# A command is at a limit if the ratio of the number of samples within δ to the number between δ and 2 δ is larger.
+_MIN_COUNT_RATIO = 5.0
+_MIN_LIMITED_SAMPLES = 8  # an extreme that fewer samples reach is not a limit
+# A command that is at its extreme in more than this fraction of the samples is constant rather than limited.
 _MAX_LIMITED_FRACTION = 0.5
-_MIN_ALIGNMENT = 0.2  # smallest denominator: the cosine of an angle of 78° between two directions of the thrust
+# The output of some forms is divided by the cosine of the angle between the commanded thrust and the vertical, or the
+# measured thrust direction. Smaller cosines are raised to this value, which corresponds to 78°.
+_MIN_ALIGNMENT = 0.2
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
@@ -43,7 +47,7 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
 
     Args:
         record: record of the flight.
-        scenario: scenario whose `nominal` vehicle the controller believes.
+        scenario: scenario with the `nominal` vehicle that the controller assumes.
         usable: (n,) mask of the samples in the air.
 
     Raises:

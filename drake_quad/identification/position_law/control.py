@@ -136,7 +136,7 @@ def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, flo
         if discriminant < 0.0:
             raise InputError(
                 f"no cascade of position and velocity represents the law on {' and '.join(law.axes)}: its integral"
-                f" gain, {integral:.3g}, is larger than {proportional**2 / (4.0 * velocity_gain):.3g}"
+                f" gain is {integral:.3g}; a cascade has at most {proportional**2 / (4.0 * velocity_gain):.3g}"
             )
         position_gain = (proportional + math.sqrt(discriminant)) / (2.0 * velocity_gain)
         return position_gain, 0.0, max(0.0, integral / position_gain)

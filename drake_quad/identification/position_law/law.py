@@ -1,4 +1,4 @@
-"""Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
+"""Identification of a position control law from a log: gains, integral, feed-forward, filter, limit and delay.
 
 The logged commands are samples of the output of the law. On each axis, the output at time t is
 
@@ -100,7 +100,7 @@ class AxisLaw:
 
 @dataclass(frozen=True)
 class PositionLaw:
-    """Position law that flew a log.
+    """Position control law that was identified from a log.
 
     Attributes:
         axes: laws of the axes that are identified.
@@ -118,12 +118,12 @@ class PositionLaw:
 
 
 def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -> PositionLaw:
-    """Identify the position law of the controller that flew some logs. The result is cached on disk.
+    """Identify the position law of a controller from logs of its flights. The result is cached on disk.
 
     Args:
         records: records of flights under the same controller, with position, reference_position, attitude_command (or
             attitude, whose lag is then part of the delay), and thrust_command or thrust_fraction.
-        scenario: scenario with the `nominal` vehicle that the controller believed, for mass and gravity.
+        scenario: scenario with the `nominal` vehicle that the controller assumed, for mass and gravity.
 
     Raises:
         InputError: if a log lacks a signal, a reference does not move, or no axis is identified.

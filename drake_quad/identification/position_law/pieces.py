@@ -18,8 +18,7 @@ from drake_quad.identification.position_law.commands import (
     unproduced_output,
 )
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS
-from drake_quad.identification.windows import airborne_mask
-from drake_quad.identification.windows import segment_numbers as piece_numbers
+from drake_quad.identification.windows import airborne_mask, segment_numbers
 from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s; a reference counts as moving if its velocity has a larger standard deviation
@@ -28,7 +27,7 @@ _SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of ad
 _MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
 _MIN_SAMPLES = 60  # smallest number of samples in a stretch, several per parameter
 _BLOCK_DURATION = 2.0  # s, duration of a block, several times the correlation time of errors
-_SLOPE_WINDOW = 0.1  # s, duration of the parabolas that give the derivatives of the reference
+_SLOPE_WINDOW = 0.1  # s; the derivatives of the reference are those of parabolas fitted to windows of this duration
 _MAX_REFERENCE_ACCELERATION = 50.0  # m/s², about 5 g; a reference with a larger acceleration jumps
 
 
@@ -37,7 +36,7 @@ class Piece(NamedTuple):
 
     Attributes:
         time: (m,) times of the samples, s.
-        command: (m, 3) output of the law, m/s²; rad along X and Y in the form `tilt`.
+        command: (m, 3) output of the law, m/s². If the form of the law is `tilt`, X and Y are in rad.
         error: (m, 3) position error p_r - p, m.
         velocity: (m, 3) measured velocity, m/s.
         reference_velocity: (m, 3) velocity of the reference, m/s.
@@ -66,15 +65,15 @@ class Piece(NamedTuple):
 def prepared_pieces(
     record: FlightRecord, scenario: Scenario, remarks: list[str]
 ) -> tuple[dict[Form, list[Piece]], np.ndarray]:
-    """Divide a record into pieces.
+    """Divide a record into stretches of flight without gaps.
 
     Args:
         record: record of a flight.
-        scenario: scenario with the `nominal` vehicle that the controller believes.
+        scenario: scenario with the `nominal` vehicle that the controller assumes.
         remarks: list to which remarks on the record are appended.
 
     Returns:
-        The pieces for each form, and a mask over the samples in the air, True where a command is at a limit.
+        The pieces for each form of the law, and a mask over the samples in the air, True where a command is at a limit.
 
     Raises:
         InputError: if the log lacks a signal, its reference does not move, or it contains no stretch of flight that is
@@ -98,7 +97,7 @@ def prepared_pieces(
         remarks.append(remark)
     limited = at_limit(record, thrust, usable)
     counted = usable & ~limited
-    piece_number = piece_numbers(record)
+    piece_number = segment_numbers(record)
     min_samples = max(_MIN_PIECE_DURATION / record.period, _MIN_SAMPLES)
     pieces: dict[Form, list[Piece]] = {form: [] for form in FORMS}
     for number in range(piece_number.max() + 1):
@@ -163,7 +162,7 @@ def _piece(
     signals: Sequence[np.ndarray],
     compared: np.ndarray,
 ) -> Piece:
-    """Return a piece along the axes of the law, with smoothed signals."""
+    """Return a stretch of flight with smoothed signals, along the axes of the law."""
     output = law_output(record, thrust, form, gravity)
     if form == "tilt":
         signals = [in_heading(record, each) for each in signals]
@@ -194,7 +193,7 @@ def _piece(
 
 
 def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
-    """Return the block number (n,) of each counted sample. All blocks have almost the same number of samples."""
+    """Return the block number (n,) of each sample that the regression uses. All blocks have nearly the same length."""
     count = sum(int(piece.counted.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
     return np.arange(count) * max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION)) // count

@@ -177,7 +177,7 @@ def _regression(
 
 
 def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.ndarray:
-    """Return the regressors (m, k) of a piece along an axis, without the delay."""
+    """Return the regressors (m, k) of a piece along an axis, at the times of the signals: the delay is not applied."""
     error = np.clip(piece.error[:, axis], -shape.error_limit, shape.error_limit)
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
@@ -248,8 +248,9 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
 
     The half-width is the sum of the half-width by the jackknife, of the largest bias that errors of the logged position
     or velocity can cause, and of `_integration_rule_bias`. Errors of a signal with the gain θ and the error variance s²
-    bias the parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance
-    of the parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
+    bias the parameters by n s² |θ| |M d| / σ². Here n is the number of samples, d is 1 for each regressor that contains
+    the signal and 0 for all others, M is the covariance of the parameters, and σ² is the unexplained variance. The
+    errors cause at most the variance σ², so s² ≤ σ² / θ².
     """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
     jacobian = [regressors]
@@ -282,9 +283,10 @@ def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[st
     """Return the largest bias of some gains that the integration rule of the controller can cause.
 
     A sum over samples differs from the trapezoidal rule by half a period times the last sample. The difference biases
-    the position gain of a PID. In a cascade with the same law, it also biases the velocity gains, because the integral
-    of the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of k
-    K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
+    the position gain of a PID. In a cascade with the same law, it also biases the velocity gains, because the velocity
+    loop integrates with a gain k_i'. The gain k_i' is the larger of the gain of the term `displacement` and k_i / K,
+    where the position gain K is the larger root of k_v K² - k_p K + k_i = 0. The symbols are those of
+    `drake_quad.identification.position_law.law`.
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)
     integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))

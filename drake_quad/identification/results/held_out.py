@@ -35,7 +35,7 @@ class HeldOut(NamedTuple):
 
     @property
     def num_covered(self) -> int:
-        """Number of stretches whose difference is inside the interval."""
+        """Number of stretches whose absolute error is at most the half-width of their interval."""
         return int(np.sum(np.abs(self.errors) <= self.half_widths))
 
 

@@ -1,12 +1,12 @@
 """File of an identified vehicle in the scenario language, for `extends` and for studies.
 
 The file extends the vehicle with which the identification began. `vehicle` and `laboratory` contain the estimates as
-correlated normal distributions. The distributions describe another stretch of flight: their covariance includes the
-error of the mean and, if it is known, the variation from stretch to stretch. The standard deviations are widened to
-match Student's distribution, so that 95 % of the samples are within the interval for another stretch.
+correlated normal distributions. The distributions describe a flight that was not logged: their covariance includes the
+error of the mean and, if it is known, the variation from one stretch of flight to the next. The standard deviations are
+widened to match Student's distribution, so that 95 % of the samples are within the interval for a further stretch.
 
-`nominal`, which the planner and the controllers believe, is unchanged unless the estimates are requested there as well.
-To predict flights of the controller that flew a log, keep the values that this controller believed in `nominal`. To
+`nominal`, which the planner and the controllers assume, is unchanged unless the estimates are requested there as well.
+To predict flights under the controller of the log, keep the values that this controller assumed in `nominal`. To
 design a controller for the identified vehicle, write the estimates to `nominal`.
 """
 
@@ -94,14 +94,14 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or the name of a shipped scenario.
-        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe. Values
+        nominal: True to write the estimates also to `nominal`, which the planner and the controllers assume. Values
             of parameters that the logs do not identify stay as in `base` there.
-        overrides: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
+        overrides: overrides of the base scenario, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
-        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate requires further estimates that
-            are missing, or the vehicle cannot fly.
+        InputError: if a name or a path is wrong, the base scenario cannot be loaded, an estimate requires further
+            estimates that are missing, or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{short_repr(str(path))} must end in .yaml or .yml")
@@ -140,7 +140,7 @@ def nominal_estimates(scenario: Scenario) -> list[str]:
 
 
 def _relative(base: str | Path, folder: Path) -> str:
-    """Return the base as a path relative to the folder of the file, or as the name of a shipped scenario."""
+    """Return the base scenario as a path relative to the folder of the file, or as the name of a shipped scenario."""
     if is_shipped(str(base)):
         file = str(base).partition(":")[0]
         return f"{file}:{Library().find(str(base))[0]}"
@@ -155,7 +155,7 @@ def _relative(base: str | Path, folder: Path) -> str:
 def _fields(
     name: str, estimates: Estimates, base: Scenario, nominal: bool, overrides: Sequence[str], voltage: float | None
 ) -> dict[str, Any]:
-    """Return the scenario as nested mappings with an entry at each leaf."""
+    """Return the scenario as nested mappings. Each field has an `_Entry` with its value and comment."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
     values = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
     written = {parameter: _Entry(value, _comment(estimates, parameter, value)) for parameter, value in values.items()}
@@ -304,11 +304,11 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     """Return an item of a list in the base scenario.
 
     Raises:
-        InputError: if the base has no such list.
+        InputError: if the base scenario has no such list.
     """
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
-    if owner is None:  # the effect is switched off in the base
+    if owner is None:  # the effect is switched off in the base scenario
         return _Entry(0.0, "as in the base vehicle")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
         return _Entry(0.0, "not identified, and 0 at the start of the identification")
@@ -336,8 +336,8 @@ def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
 def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
     """Complete the motors if their thrust curve was estimated, and raise rotor speed limits below full throttle.
 
-    If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, motors are added to
-    `nominal` that produce its full thrust at full throttle.
+    `nominal` also needs throttle motors if `nominal` of the base scenario has none. If the estimated curve is not
+    written to `nominal`, its motors produce the full thrust of the base scenario at full throttle.
     """
     if "motors" not in tree["vehicle"]:
         return
@@ -366,7 +366,7 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
 
 
 def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
-    """Complete the autopilot and the control if an attitude response was estimated, but the base has no response.
+    """Complete autopilot and control if an attitude response was estimated that the base scenario lacks.
 
     Raises:
         InputError: if only one of natural frequency and damping is estimated.
@@ -389,7 +389,7 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
 
 
 def _switch_off_duplicates(vehicle: dict[str, Any]) -> None:
-    """Switch off the effects of the base that an estimate already includes."""
+    """Switch off the effects of the base scenario that an estimate already includes."""
     if "rotor_time_constant" in vehicle and "rotor_time_constant_down" not in vehicle:
         vehicle["rotor_time_constant_down"] = _Entry(None, "one time constant was identified for both directions")
     if "body_drag" in vehicle:

@@ -10,7 +10,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, map_leaves
 
-_SPEED_LIMIT_RATIO = 2.0  # factor of the maximum rotor speed, so that it does not limit the thrust curve
+# `max_rotor_speed` is multiplied by this factor, so that the speed limit does not limit the thrust curve.
+_SPEED_LIMIT_RATIO = 2.0
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:

@@ -38,7 +38,7 @@ class ErrorStatistics(NamedTuple):
     Attributes:
         rmse: (..., 4) root mean square.
         mean: (..., 4) mean; signed along the axes.
-        largest: (..., 4) 95th percentile of the absolute value.
+        largest: (..., 4) 95th percentile of the absolute value, which represents the largest error.
     """
 
     rmse: np.ndarray
@@ -101,7 +101,7 @@ class LogComparison:
         return ErrorStatistics(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the median of a statistic (given by its name), and the ends of its 95 % interval, each (4,)."""
+        """Return median, lower and upper end of the 95 % interval of the named statistic, (4,) each as in `AXES`."""
         values = getattr(self.predicted_statistics(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
@@ -191,7 +191,7 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 
 
 def flights_to_compare(comparison: LogComparison) -> dict[str, Flight]:
-    """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
+    """Return the logged flight and the predicted flight with the median error, with the same reference, for a replay.
 
     Both flights contain measured states. If the log contains no rotor speeds, the logged flight is returned with the
     rotor speeds of the prediction. A prediction that crashes before the start of the log is left out.

@@ -26,20 +26,22 @@ from drake_quad.scenario.winds.source import steady_wind
 _MEAN_WINDOW = 0.1  # s, long enough to average out single corrections of an estimator
 _BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives standard deviations
 _SETTLING_TIME = 0.5  # s, time at the start of a log in which an estimator may still settle
-_MIN_FLOWN_SPEED = 0.15  # m/s, smallest standard deviation of the velocity along an axis that counts as flown
+_MIN_FLOWN_SPEED = 0.15  # m/s; the vehicle moves along an axis if the standard deviation of its velocity is larger
 _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator, during which the velocity error hardly changes
 _MIN_BLOCKS = 2  # smallest number of blocks whose scatter gives a standard deviation
 _DRAG_WINDOW = 0.1  # s, averaging time of force and air speed
 _MIN_AIR_SPEED = 0.2  # m/s, smallest standard deviation of the air speed from which drag is estimated
-_MIN_SPEED_RATIO = 0.3  # axes have the same drag if the ratio of their air speeds is smaller
+# If the air speed along x or y varies by less than this fraction of its variation along the other axis, both axes get
+# the drag of the other axis.
+_MIN_SPEED_RATIO = 0.3
 
 
 class VelocityEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        scale_error: scale error s along each axis. An axis that was not flown has the value 0, and the mean standard
-            deviation of the flown axes.
+        scale_error: scale error s along each axis. An axis along which the vehicle did not move has the value 0, and
+            the mean standard deviation of the other axes.
         drift: (3,) standard deviation of the correlated error d along each axis, in means over 0.1 s, m/s.
         correlation_time: correlation time of the correlated error, averaged over the axes, s.
     """
@@ -62,7 +64,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
     is_used = (record.time > record.time[0] + _SETTLING_TIME) & (record.time < record.time[-1] - _MEAN_WINDOW)
     ends, starts = record.time[is_used] + 0.5 * _MEAN_WINDOW, record.time[is_used] - 0.5 * _MEAN_WINDOW
     blocks = np.floor(record.time / _BLOCK_DURATION).astype(int)[is_used]
-    if len(np.unique(blocks)) < _MIN_BLOCKS or len(blocks) <= 2 * _steps(record):
+    if len(np.unique(blocks)) < _MIN_BLOCKS or len(blocks) <= 2 * _noise_steps(record):
         raise InputError(f"{record.name}: the log is too short to estimate the error of its velocity")
     scale_errors, drifts, correlation_times = [], [], []
     for axis in range(3):
@@ -156,8 +158,8 @@ def _slope(regressors: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit:
     return EstimatedValue(float(coefficients[0]), float(np.sqrt(covariance[0, 0])), unit, len(scores) - 1.0)
 
 
-def _steps(record: FlightRecord) -> int:
-    """Return the number of samples during which the velocity error hardly changes."""
+def _noise_steps(record: FlightRecord) -> int:
+    """Return the number of sampling periods in `_NOISE_STEP`, at least one."""
     return max(1, round(_NOISE_STEP / record.period))
 
 
@@ -170,7 +172,7 @@ def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, n
         record: record that contains the samples.
         times: times of the start and of the end of each mean, two arrays (n,), s.
     """
-    step = _steps(record)
+    step = _noise_steps(record)
     variance = float(np.mean((samples[2 * step :] - 2.0 * samples[step:-step] + samples[: -2 * step]) ** 2)) / 6.0
     fractions = [np.interp(time, record.time, np.arange(len(record.time))) % 1.0 for time in times]
     return (

@@ -8,7 +8,7 @@ from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import commanded_effort
 
-# Rotors idle if the ratio of their command to its median is smaller than this.
+# Rotors idle if their command is smaller than this fraction of its median over the log.
 _IDLE_RATIO = 0.5
 # Smallest height of vehicle and reference above the ground in free flight, m. It is a few rotor diameters of a small
 # vehicle.

@@ -1,13 +1,13 @@
 """Open-loop prediction of a logged flight with vehicle models, over horizons of 0.1 to 2 s.
 
-Predictions begin at many starts in a log. The Kalman filter of `drake_quad.identification.prediction_errors`, whose
-model is the vehicle, follows the measurements up to each start. The filter uses past measurements only, with the
-maximum-likelihood noise for the log and the vehicle. The vehicle is simulated from the start on, with the logged
-commands and without measurements.
+Predictions begin at many samples of a log, which are called starts. The Kalman filter of
+`drake_quad.identification.prediction_errors`, whose model is the vehicle, follows the measurements up to each start.
+The filter uses past measurements only, with the maximum-likelihood noise for the log and the vehicle. The vehicle is
+simulated from the start on, with the logged commands and without measurements.
 
 The filter also estimates a disturbing force and torque, for example of a wind that is not logged. The predictions set
-this force and torque to zero. A second prediction with the first vehicle includes them. It shows how well a controller
-with a disturbance observer predicts.
+this force and torque to zero. A second prediction with the first of the given vehicles includes them. It shows how well
+a controller with a disturbance observer predicts.
 
 Two predictors without a model serve as baselines. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
@@ -48,10 +48,10 @@ CONSTANT_VELOCITY = "constant velocity"
 CONSTANT_ACCELERATION = "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
-START_SPACING = 0.1  # s, time between starts
-_PARABOLA_TIME = 0.05  # s, duration of the parabolas from which predictions without a model begin
+START_SPACING = 0.1  # s, time between the starts of two predictions
+_PARABOLA_TIME = 0.05  # s, duration of the parabolas at whose ends predictions without a model begin
 _MIN_PARABOLA_SAMPLES = 4  # smallest number of samples to which a parabola is fitted
-_SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
+_SETTLING_TIME = 0.5  # s, time before the start of a prediction in which the filter settles
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
@@ -88,7 +88,7 @@ class Predictions:
         return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
-        """Return the fraction by which a vehicle reduces the RMS error of another vehicle, over the same starts.
+        """Return the fraction by which a vehicle reduces the RMS error of another vehicle, from the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
         """
@@ -123,7 +123,7 @@ class Predictions:
         return f"{vehicle} predicts worse than constant velocity or constant acceleration: {', '.join(lost)}"
 
     def starts(self, horizon: float) -> int:
-        """Return the number of starts after which the flight lasts at least until a horizon."""
+        """Return the number of starts whose prediction reaches a horizon, in s, before the flight ends."""
         errors = next(iter(self.errors.values()))
         return int(np.isfinite(errors[0, self.horizons.index(horizon)]).sum())
 
@@ -166,10 +166,10 @@ def predict(
     horizons: Sequence[float] = HORIZONS,
     final_fraction: float = 1.0,
 ) -> Predictions:
-    """Predict a flight with vehicles and with two predictors without a model, from starts throughout the flight.
+    """Predict a flight with vehicle models and with two baselines, from many samples of the flight.
 
-    The predictors in the result are the vehicles, `CONSTANT_VELOCITY`, `CONSTANT_ACCELERATION` and `WITH_DISTURBANCE`.
-    The result is cached on disk.
+    The predictors in the result are the vehicles, the baselines `CONSTANT_VELOCITY` and `CONSTANT_ACCELERATION`, and
+    `WITH_DISTURBANCE`, which is the first vehicle with the estimated disturbance. The result is cached on disk.
 
     Args:
         record: record of the flight.
@@ -236,7 +236,7 @@ def _predictions(
 
 
 class _Motion(NamedTuple):
-    """Measured motion at S starts.
+    """Measured motion at the S samples at which predictions start.
 
     Attributes:
         state: (12, S) state; components that are not measured are zero.
@@ -250,7 +250,7 @@ class _Motion(NamedTuple):
 
     @classmethod
     def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, num_past: int) -> "_Motion":
-        """Return the motion at the end of parabolas through the last `num_past` samples up to each start."""
+        """Fit parabolas to the last `num_past` samples up to each start, and return the motion at their ends."""
         samples = starts[:, None] + np.arange(1 - num_past, 1)
         ends = {}
         for name in measured:
@@ -289,7 +289,7 @@ class _Motion(NamedTuple):
 
 
 def _parabolas(record: FlightRecord, samples: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the value, rate and acceleration (3, S) at the end of parabolas.
+    """Fit parabolas to values, and return value, rate and acceleration (3, S) at the end of each parabola.
 
     Args:
         record: record that contains the samples.
@@ -304,12 +304,13 @@ def _parabolas(record: FlightRecord, samples: np.ndarray, values: np.ndarray) ->
 def _open_loop_states(
     logs: PreparedLogs, scenario: Scenario, motion: _Motion, starts: np.ndarray, steps: Sequence[int]
 ) -> list[np.ndarray]:
-    """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
+    """Return the predicted states (12, 2, S), without and with disturbance, for each number of samples in `steps`."""
     delay, no_parameters = total_delay(scenario), np.zeros(0)
     noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
     settle, warm_up = (max(1, round(time / logs.period)) for time in (_SETTLING_TIME, WARM_UP))
     windows = [LogWindow(0, int(start) + 1) for start in starts]
-    # The filter is needed only until the starts. Its gains take most of the time, so its windows end there.
+    # Computing the gains of the filter takes most of the time. The filter is needed only up to the start of each
+    # prediction, so its windows end there.
     gains = logs.predictor_for_windows(windows, WindowSizes(1, settle, warm_up), delay=delay).gains(
         no_parameters, noise
     )
@@ -340,9 +341,9 @@ def _continues(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarr
     ends = starts + steps
     is_logged = ends < len(record.time)
     ends = np.minimum(ends, len(record.time) - 1)
-    piece_numbers, num_grounded = segment_numbers(record), np.concatenate([[0], np.cumsum(~airborne_mask(record))])
+    segments, num_grounded = segment_numbers(record), np.concatenate([[0], np.cumsum(~airborne_mask(record))])
     return np.asarray(
-        is_logged & (piece_numbers[starts] == piece_numbers[ends]) & (num_grounded[ends + 1] == num_grounded[starts])
+        is_logged & (segments[starts] == segments[ends]) & (num_grounded[ends + 1] == num_grounded[starts])
     )
 
 

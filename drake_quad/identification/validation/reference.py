@@ -17,21 +17,21 @@ from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 _KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
 """Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
-# References are sent at 20 Hz or faster, so a reference that is constant for longer than this is at rest, unless it is
-# logged more slowly than it is sent.
-_MAX_REPETITION_TIME = 0.05  # s
+# References are sent at 20 Hz or faster. A reference that repeats a value for longer than this, in s, is at rest,
+# unless it is logged more slowly than it is sent.
+_MAX_REPETITION_TIME = 0.05
 # Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path can follow
-# even a jump, so a larger acceleration shows that the reference jumps. No multicopter is sent position references of 5
-# g.
+# even a jump, so a larger acceleration shows that the reference jumps. References for multicopters do not accelerate at
+# 5 g.
 _MAX_ACCELERATION = 5.0 * 9.81
 # Weight of the snap relative to the position. The snap determines the path where there are no samples, for example in a
 # gap.
 _SNAP_WEIGHT = 1e-9
-# Before the log starts, the vehicle rests. In this fraction of the rest, it accelerates to the first velocity of the
-# log.
+# The route begins before the log with an initial phase of `rest` seconds: standstill, then acceleration to the first
+# velocity of the log. The acceleration takes this fraction of the phase.
 _ACCELERATION_FRACTION = 0.5
-# Largest distance between reference and vehicle at the lift-off, m, for a route that begins on the reference. If the
-# distance is larger, the reference has jumped to the height of the flight.
+# Largest distance between reference and vehicle at the lift-off, m, with which the route is a smooth path from the
+# reference at this time. If the distance is larger, the reference has jumped to the height of the flight.
 _MAX_LIFT_OFF_DISTANCE = 0.25
 _REST_WEIGHT = 1e3  # weight of the derivatives at the first knot, if the path starts at rest
 _LIFT_OFF_STEP = 2.0 * MIN_DURATION  # s, from lift-off to the first setpoint; shorter than the period of any controller
@@ -141,8 +141,8 @@ def _smooth_path(record: FlightRecord, begin: float) -> tuple[PolynomialPath, fl
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
         logged.append(record.reference_velocity)
-    # The first velocity cannot be computed if a gap follows. The reference is therefore at rest if its first two values
-    # are equal.
+    # Two equal positions at the start show that the reference is at rest. Its first velocity is not computed from more
+    # samples, since a gap may follow the second sample.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
     time, *samples = _without_repetitions(record.time, logged)
     end, slow = float(record.time[-1]), is_slow(record)
@@ -192,10 +192,10 @@ def is_slow(record: FlightRecord) -> bool:
 
 
 def _as_logged(record: FlightRecord) -> FlightRecord:
-    """Return a record with the samples at which a slow reference was logged; other records are returned unchanged.
+    """If the reference is logged slowly, keep only the samples of the record at which the reference was logged.
 
     Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. A value that
-    is held for several periods was logged several times.
+    is held for several periods was logged several times. Records with a fast reference are returned unchanged.
     """
     if not is_slow(record):
         return record

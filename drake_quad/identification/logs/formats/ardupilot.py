@@ -27,7 +27,7 @@ _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 # from ArduPilot's documentation.
 _TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", "B": "u1", "b": "i1"}
 _SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
-# Names of fields that contain the number of the sensor or estimator.
+# Names of fields that tell which sensor or estimator wrote a message.
 _INSTANCE_FIELDS = ("I", "C")
 _QUADROTOR = 1  # value of FRAME_CLASS
 _X_LAYOUT = 1  # value of FRAME_TYPE

@@ -17,8 +17,8 @@ from drake_quad.identification.logs.source import LogFile
 
 _MAGIC = b"H Product:Blackbox flight data recorder"
 _MICROSECOND = 1e-6
-# Largest number of frames between two logged frames. The decoder iterates over all frames that are not logged, so that
-# reading a log with a damaged interval could take hours.
+# Largest number of frames between two logged frames. The decoder iterates over all frames that are not logged. Reading
+# a log with a damaged interval could therefore take hours.
 _MAX_INTERVAL = 10_000
 
 

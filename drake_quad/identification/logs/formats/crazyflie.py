@@ -151,7 +151,7 @@ def _record_offsets(
             remarks = ["the checksum is wrong: the log is truncated or damaged", *_truncated(log, bounds, sizes)]
         else:
             del bounds[count + 1 :]
-            remarks = [log.unread_remark(bounds[-1] + _CHECKSUM_SIZE, "after the checksum at the end of the log")]
+            remarks = [log.unread_remark(bounds[-1] + _CHECKSUM_SIZE, "they follow the checksum that ends the log")]
     offsets: dict[int, list[int]] = {number: [] for number in event_types}
     for offset in bounds[:-1]:
         offsets[data[offset] | data[offset + 1] << 8].append(offset)
@@ -174,7 +174,7 @@ def _bounds(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[int]
 
 
 def _count_before_checksum(data: bytes, bounds: Sequence[int]) -> int | None:
-    """Return the number of records that a valid checksum of all data follows; None if there is no valid checksum."""
+    """Return the number of records before the checksum of the log; None if there is no valid checksum."""
     checksum, end, view = 0, 0, memoryview(data)
     for count, offset in enumerate(bounds):
         checksum = zlib.crc32(view[end:offset], checksum)
@@ -192,7 +192,7 @@ def _truncated(log: LogFile, bounds: list[int], sizes: Mapping[int, int]) -> lis
     if bounds[-1] < len(log.data) or (len(bounds) > 1 and log.written_size <= bounds[-2]):
         while len(bounds) > 1 and bounds[-1] > log.written_size:
             bounds.pop()
-    # A log that is damaged but not truncated ends with its checksum, so all its bytes are read.
+    # After the last record, a log that is not truncated has nothing but its checksum, even if it is damaged.
     return _unread_remarks(log, bounds[-1], sizes) if len(log.data) - bounds[-1] not in (0, _CHECKSUM_SIZE) else []
 
 

@@ -100,6 +100,6 @@ def best_mapping(
     missing = [short_repr(each) for each in sorted(mapping.names - set(columns_of(mapping)))]
     raise InputError(
         f"{log.mark}: does not fit the mapping {name}:"
-        f" {f'it lacks {join_names(missing, 4)}' if missing else 'the mapping has no signals'}; its columns are"
-        f" {join_names(columns, 12)}"
+        f" {f'the log lacks {join_names(missing, 4)}' if missing else 'the mapping has no signals'}; the columns of the"
+        f" log are {join_names(columns, 12)}"
     )

@@ -29,7 +29,8 @@ _MAX_STAMP_DIFFERENCE = 1.0
 _PATH_PART = re.compile(r"[^.\[\]]+")
 # Exceptions that are raised for damaged messages and missing fields.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
-_WAL_VERSION_BYTES = slice(18, 20)  # bytes of SQLite's header; in WAL mode, they prevent opening a copy in memory
+# Bytes of SQLite's header that mark a database in WAL mode. Such a database cannot be opened from memory.
+_WAL_VERSION_BYTES = slice(18, 20)
 
 
 class _Message(NamedTuple):

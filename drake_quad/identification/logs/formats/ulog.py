@@ -57,8 +57,8 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
     Names of fields have the form `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if it is
     logged, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor
-    pulses are scaled from the range in the parameters to 1000 to 2000 µs. The default mapping takes the order of the
-    rotors from the parameters of the log.
+    pulses are scaled to the range 1000 to 2000 µs from the range that the parameters of the log declare. The default
+    mapping takes the order of the rotors from these parameters.
 
     Args:
         log: content of the file.
