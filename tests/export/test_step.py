@@ -85,7 +85,7 @@ def next_mine_memory(memory: Acceleration) -> Acceleration:
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """System whose formulas have the names of variables in its C code."""
+    """System whose formulas have the same names as two variables in the C code: `mine` and `next_mine_memory`."""
 
     def declare(self) -> None:
         memory = self.state("memory", lambda _: Acceleration(1.0, 0.0, 0.0))
@@ -94,7 +94,7 @@ class Counter(FleetSystem):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_formulas_may_have_the_names_of_variables(tmp_path):
+def test_a_formula_may_have_the_same_name_as_a_variable_in_the_c_code(tmp_path):
     builder = DiagramBuilder()
     builder.AddNamedSystem("mine", Counter())
     builder.ExportOutput(builder.GetSubsystemByName("mine").get_output_port(), "total")

@@ -105,7 +105,7 @@ def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(
         (f"min {limits[0]:g}", limits[0]),
         (f"max {limits[1]:g}", limits[1]),
     ]
-    # The panels of the rotors have equal axes, which the speeds fill. The limits do not enlarge these axes.
+    # The panels of the four rotors have the same vertical range. It depends on the speeds and not on the speed limits.
     (low, high), *others = [axes.get_ylim() for axes in panels]
     assert np.ptp(speeds) > 0.8 * (high - low)
     assert others == [(low, high)] * 3

@@ -318,7 +318,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
         np.testing.assert_allclose(start, begin)
         i = "xyz".index(axis)
         np.testing.assert_allclose(stop, np.where(np.arange(3) == i, high, begin))
-    # The drawn jet of the fan ends a margin beyond the path.
+    # The jet of the fan is drawn up to a distance of `margin` beyond the end of the path.
     assert scene.meshes["/fan_1/jet"][2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
     # The camera is above the scene and to its side.

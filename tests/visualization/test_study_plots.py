@@ -94,7 +94,7 @@ def test_estimates_converge_with_the_number_of_samples():
         assert axes.xaxis.get_major_formatter()(2000.0) == "2,000"
 
 
-def test_the_convergence_of_a_quantile_is_shown_without_crashes():
+def test_the_convergence_of_a_quantile_is_shown_for_a_study_without_a_crash():
     found = no_crash()
     left, right = plots.plot_convergence({"one": found}, "peak_error").axes
     stops, values = curve(right, "one")
@@ -298,7 +298,7 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
     assert [label.get_text() for label in plot_study(studies["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
 
 
-def test_controllers_are_compared_by_all_of_their_samples():
+def test_a_comparison_shows_every_sample_of_each_controller():
     """Errors of samples without a crash, and their mean, are drawn in cm around the row of their controller."""
     flights = {
         "calm": {"a": study().metrics, "b": no_crash(1, 50).metrics},
