@@ -36,16 +36,16 @@ from drake_quad.scenario.models import Scenario
 
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
-_TARGET_BOUND_RATIO = 0.95  # ratio of lower to upper bound at which the division into cells ends
-# Scale of the first box that is tested for stability, relative to the smallest scale at which a loop is unstable.
-# Larger boxes need more cells.
+_TARGET_BOUND_RATIO = 0.95  # ratio of lower to upper bound of the certified scale at which the division into cells ends
+# Scale of the first cell, which contains all others, relative to the smallest scale at which a loop is unstable. Larger
+# cells are divided more often.
 _FIRST_BOX_RATIO = 0.96
 _MAX_CELLS = 150  # number of cells with a linear fractional model after which no cell is divided any more
 # A cell is divided as soon as the bound on its structured singular value is known to exceed this value. The bound is
 # computed exactly only for cells that are symmetric about the centre of the ranges.
 _MAX_BOUND = 1.02
 _NUM_CELLS_AT_ONCE = 16  # number of cells that are divided at the same time
-_MAX_CORNERS = 64  # largest number of corners of the box at which the search begins
+_MAX_CORNERS = 64  # largest number of combinations of range ends at which the search begins
 _NUM_CANDIDATES = 48  # number of random directions that each round of the search tests
 _NUM_ROUNDS = 4  # number of rounds of the search, after the bisection along the directions of the corners
 _NUM_BISECTIONS = 7
@@ -116,7 +116,10 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """Difference between the smallest scale of a failure, or `MAX_SCALE`, and the stable scale, relative to it."""
+        """Difference between the two bounds, relative to the upper one.
+
+        The upper bound is the smallest scale at which a loop is unstable or has no equilibrium, at most `MAX_SCALE`.
+        """
         failing = min(self.unstable.scale, self.lost.scale, MAX_SCALE)
         return 1.0 - self.stable_scale / failing if failing > 0.0 else 0.0
 
@@ -160,8 +163,9 @@ def certify_hover(
 def _search(hover: UncertainHover) -> None:
     """Search for the smallest scale at which a loop is unstable or has no equilibrium.
 
-    The search begins at the corners of the box, each of which is a direction from the centre. The search then changes
-    the direction of the first failing corner at random; the new directions may lead to the inside of the box.
+    The search begins with the directions from the centre of the ranges to their corners, in which each parameter is at
+    an end of its range. It then changes the direction of the first corner that fails at random. The new directions
+    need not lead to corners.
     """
     k = len(hover.ranges)
     all_corners = 2**k <= _MAX_CORNERS
@@ -205,7 +209,7 @@ def _bisect(
     Args:
         hover: loops.
         directions: (K, k) directions from the centre of the ranges, in scaled parameters.
-        combinations: (K,) combinations of choices.
+        combinations: (K,) indices of combinations of discrete values.
         stable: scale at which the loops in all directions are assumed to be stable.
         failing: scale at which the loops in all directions fail.
     """

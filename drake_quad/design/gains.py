@@ -152,7 +152,7 @@ class PolePair(NamedTuple):
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
-        if determinant == 0.0:  # the measurements do not distinguish value and rate
+        if determinant == 0.0:  # the measured value and the measured rate are not independent
             return _NO_GAINS
         return AxisGains(-rate.imag / determinant, value.imag / determinant)
 

@@ -61,7 +61,7 @@ _RESPONSE_SPREAD = 1.15  # the same factor for the natural frequency of the atti
 _DELAY_SPREAD = 1  # number of additional frames of camera latency, and of additional ticks of link delay
 _NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is computed
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency at which the sensitivity is computed
-_PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost, relative to the logarithm of the error
+_PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost; the logarithm of the error has the weight 1
 _MAX_EVALUATIONS = 600  # largest number of cost evaluations in a search
 # Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance. In
 # 1,000 flights of `bad_day`, Crazyflie designs with the factors 1, 2 and 3 crash in 17, 2.4 and 3.4 % of the flights.
@@ -69,7 +69,8 @@ _TORQUE_HEADROOM = 2.0
 # Largest number of searches. Each search has tighter limits than the one before, until the controller satisfies the
 # given limits in the exact linear model.
 _MAX_ROUNDS = 5
-_TIGHTENING = 0.998  # additional factor by which a violated limit is tightened
+# A violated limit is tightened by the ratio by which it is violated, and by this additional factor.
+_TIGHTENING = 0.998
 
 
 class LqgLimits(NamedTuple):
@@ -79,7 +80,7 @@ class LqgLimits(NamedTuple):
         sensitivity: largest peak of |1 / (1 + L)| at the command link, for the loop with the nominal plant.
         delay: smallest delay margin at the command link, s.
         snap: largest RMS of the command along x and y if torques are sent over the link, m/s⁴; see `snap_limit`.
-        acceleration: largest RMS of the command along z, and with an autopilot along x and y, m/s².
+        acceleration: largest RMS of the command along z, m/s². With an autopilot, the limit also applies to x and y.
     """
 
     sensitivity: float = 3.0
@@ -371,7 +372,7 @@ def flight_conditions(scenario: Scenario) -> Conditions:
 
 
 def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
-    """Return the performance of an axis that the linear model predicts for a plant, nominal or not."""
+    """Return the performance that a linear model predicts if the filter and regulator of a loop control a plant."""
     (prediction,) = _LiftedLoops.of(loop, [actual_plant], timing).predicted()
     return prediction
 

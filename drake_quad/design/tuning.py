@@ -29,7 +29,7 @@ from drake_quad.scenario.paths import map_leaves
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-_ELITE_FRACTION = 0.25  # fraction of the points with the smallest cost, which determine the next distribution
+_ELITE_FRACTION = 0.25  # fraction of the points, those with the smallest cost, that determine the next distribution
 _DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
 _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
 # The first round evaluates the limits for this many times as many candidates as each later round.
@@ -41,7 +41,8 @@ _PENALTY = 4.0
 # evaluated. In the first round, the assumed error of the interpolation is this factor times the distance from the
 # nearest of these points. The range of each parameter has a width of 1.
 _INITIAL_UNCERTAINTY = 0.5
-# Distance that the search keeps from a limit, as the logarithm of the ratio, because predictions are not exact.
+# Logarithm of the smallest margin ratio that the search accepts without a penalty. It is above zero, the limit itself,
+# because predicted ratios are not exact.
 _LIMIT_RESERVE = 0.002
 # Initial step of each local search, relative to the width of a parameter's range.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
@@ -115,7 +116,7 @@ class TuningResult(NamedTuple):
 
     Attributes:
         values: tuned values, in the order of the parameters.
-        error: mean RMSE on the training samples, where a crash counts as 1 to 2 m, m.
+        error: mean RMSE on the training samples, m. A crash counts as an RMSE of 1 to 2 m.
         min_margin_ratio: smallest ratio of a margin to its limit; 1 or more if all limits are met, infinite without
             limits.
     """

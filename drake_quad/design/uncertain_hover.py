@@ -31,14 +31,15 @@ from drake_quad.vehicle.rigid_body import nearest_rigid_inertia
 MIN_DECAY = 1e-6
 """A loop is unstable if a pole is outside the unit circle by more than this distance, which exceeds rounding errors."""
 _SIGMA = 3.0  # range of a normal distribution without limits, in standard deviations
-_MIN_FRACTION = 0.1  # smallest value of a positive quantity, relative to the centre of its range
+_MIN_FRACTION = 0.1  # smallest value of a quantity that cannot be negative, relative to the centre of its range
 _MAX_CHOICES = 32  # largest number of combinations of discrete values
 _MAX_LOOPS = 512  # number of loops that are computed at the same time
-_NUM_PROBES = 6  # number of random combinations at which the effect of each parameter is computed
+_NUM_PROBES = 6  # number of random combinations of parameters at which the effect of each parameter is computed
 # A parameter acts on the loop if it changes an entry of the system matrix by more than this fraction of the largest
 # entry in the same row.
 _MIN_EFFECT = 1e-6
-_MIN_COUPLING = 1e-7  # smallest entry of a system matrix, relative to the largest one of its row
+# States are coupled if an entry of the system matrix exceeds this fraction of the largest entry in the same row.
+_MIN_COUPLING = 1e-7
 # Loops are interpolated linearly in a power of each parameter. These are the exponents that are tried; 0 stands for the
 # logarithm.
 _EXPONENTS = (1.0, 0.0, -0.5, -1.0)
@@ -190,8 +191,8 @@ class UncertainHover:
     def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
         """Return the spectral radii (K,) of the loops at scaled parameters (K, k); NaN without an equilibrium.
 
-        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. The loop with
-        the smallest scale that is unstable or has no equilibrium is stored.
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones within their ranges. The
+        unstable loop with the smallest scale is stored, and so is the loop without an equilibrium.
         """
         values = self._with_rigid_bodies(z)
         loops = self._loops(values, combinations, step)
@@ -264,11 +265,11 @@ class UncertainHover:
             self._exponents[i] = allowed[int(np.argmin(errors))]
 
     def loops_in(self, cells: list[tuple[Part, np.ndarray, np.ndarray]], points: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and store loops that fail.
+        """Return the system matrices (K, n, n) of parts at points of their cells, and store loops that fail.
 
         Args:
-            cells: part, and lower and upper ends (k,) of the scaled parameters that act on it.
-            points: (K, k) points between -1 and 1.
+            cells: for each cell, a part, and the lower and upper ends (k,) of the scaled parameters that affect it.
+            points: for each cell, points (K, k) with coordinates from -1 to 1, which are the ends of the cell.
         """
         z = [np.zeros((len(each), len(self.ranges))) for each in points]
         combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
@@ -324,9 +325,13 @@ class UncertainHover:
     def _loops(
         self, values: np.ndarray, combinations: np.ndarray, step: str, states: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices.
+        """Return the system matrices (K, n, n) of K loops.
 
-        If states are given, the matrices contain only their rows and columns.
+        Args:
+            values: (K, k) values of the parameters with a range.
+            combinations: (K,) indices of combinations of discrete values.
+            step: description of the present step, for the progress.
+            states: indices of the rows and columns that are returned; None for all.
         """
         rows = np.hstack([values, self.combinations[combinations]])
         # The number of states of a fleet depends on its longest delay, which is a discrete value. A loop with the

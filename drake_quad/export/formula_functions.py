@@ -13,7 +13,7 @@ from drake_quad.framework.records import ABSENT, ROW, Layout
 from drake_quad.framework.symbols import LEAVES, Listing, Symbol
 from drake_quad.framework.variable_names import collect_names
 
-_TIME_GROUP = -1  # index of the time; the other inputs of a formula (ports, parameters, states) are counted from 0
+_TIME_GROUP = -1  # index of the time among the inputs of a formula; ports, parameters and states are counted from 0
 
 
 class Argument(NamedTuple):

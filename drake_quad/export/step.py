@@ -227,7 +227,7 @@ class Step:
         return [(update, update.period) for update in self._blocks[path].updates if update.period is not None]
 
     def _divisor(self, label: str, period: float) -> int:
-        """Return the number of steps in a period, which is in seconds.
+        """Return the number of steps in a period (s).
 
         Raises:
             InputError: if the period is not a multiple of the step.
@@ -249,7 +249,7 @@ class Step:
         return self._sources(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
 
     def _require(self, port: Port, divisor: int) -> None:
-        """Note that an output port, and all ports on which it depends, must be computed every `divisor` steps."""
+        """Request the computation of an output port, and of all ports on which it depends, every `divisor` steps."""
         common = math.gcd(self._divisors.get(port, divisor), divisor)
         if self._divisors.get(port) != common:
             self._divisors[port] = common

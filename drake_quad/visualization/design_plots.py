@@ -80,7 +80,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
     """Plot the root locus of the position loop, whose two gains are multiplied by a common factor."""
     loop = design.loops["x"]
     plant, period = loop.plant, loop.plant.period
-    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # factors on both gains
+    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # factors by which both gains are multiplied
     gain_row = np.array([loop.gains])
     poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ gain_row @ plant.C))
     limit_factor = 10.0 ** (loop.margins.gain / 20.0)

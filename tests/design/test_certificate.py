@@ -74,8 +74,8 @@ def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop
     moments = [(0, 0.005, 0.0055), (1, 0.005, 0.0055), (2, 0.0105, 0.0125)]
     overrides = [f"vehicle.inertia.{axis}={{uniform: {{min: {low}, max: {high}}}}}" for axis, low, high in moments]
     hover = UncertainHover(load_scenario("hover", overrides), UserSystems(), lambda count, step: None)
-    # The third moment of inertia of a rigid body is at most the sum of the other two, which are at their upper bounds
-    # here.
+    # The third moment of inertia of a rigid body is at most the sum of the other two. Here, the third moment exceeds
+    # this sum. The other two are at their upper bounds, so only the third one can be corrected.
     z = np.array([[0.9], [1.4]]) * np.ones(3)
     together = hover.radii(z, np.zeros(2, dtype=int), "test")
     alone = [hover.radii(row[np.newaxis], np.zeros(1, dtype=int), "test")[0] for row in z]
@@ -129,7 +129,7 @@ def test_no_scale_is_certified_if_the_loop_is_unstable_at_the_centre_of_the_rang
     assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 
-def test_parameters_that_do_not_act_on_hover_are_left_out():
+def test_parameters_that_do_not_affect_hover_are_left_out_of_the_certificate():
     ranges, choices, left_out = parameters_in_hover(load_scenario("robustness"))
     assert [each.path for each in ranges if "inertia" in each.path] == [f"vehicle.inertia.{i}" for i in range(3)]
     assert [each.path for each in choices] == [

@@ -212,7 +212,7 @@ ASYMMETRIC_VEHICLE = [
 
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
-def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
+def test_poles_of_designed_loops_are_poles_of_the_whole_diagram(shipped, overrides):
     """The poles of the designed inner and outer loops are also poles of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(nominal_hover(scenario))
@@ -526,7 +526,7 @@ def test_axes_with_equal_plants_have_equal_gains():
     assert [loop.axis for loop in loops.values()] == list(loops)
     assert loops["pitch"].bandwidth == 2.0
     assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
-    # Position loops around different attitude loops have different gains.
+    # If the attitude loops of two axes differ, the gains of the position loops around them differ as well.
     assert loops["x"].gains != loops["y"].gains
 
 
@@ -620,7 +620,7 @@ class RecordingFamily(ProportionalFamily):
         return np.array([1.0, 90.0, 110.0, 120.0])
 
 
-def test_efforts_beyond_the_first_unacceptable_effort_are_not_tried():
+def test_a_design_tries_no_larger_gains_after_the_first_unstable_gains():
     """The loop is unstable if k_D is above about 100 1/s."""
     family = RecordingFamily(0.01, 1.0)
     design = design_loop(double_integrator(), family, Requirements(0.0, 0.0, 0.0), axis="x")
@@ -644,7 +644,7 @@ def pid_design():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
-def test_poles_of_a_designed_pid_agree_with_the_whole_diagram(integration, pid_design):
+def test_poles_of_loops_with_a_designed_pid_are_poles_of_the_whole_diagram(integration, pid_design):
     """The poles of the designed loops are also poles of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     diagram_poles = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()

@@ -122,7 +122,7 @@ def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
 
 
 @pytest.mark.parametrize("fractions", [None, lambda _: np.array([9.0])])
-def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, fractions):
+def test_the_rounds_of_a_search_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, fractions):
     """The mean of the candidates moves to the best parameters, and their spread decreases from round to round.
 
     A limit that no candidate violates has no influence.
@@ -146,7 +146,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
     assert 0.005 < spread[-1] < 0.2 * spread[0]
 
 
-def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
+def test_the_rounds_of_a_search_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
     """The limit is k_P ≤ 2. Candidates of the last round meet it, although larger k_P have a smaller error."""
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
@@ -279,7 +279,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
 
 
 def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, stub_flights):
-    """Previous gains compete although no drawn candidate is near them. Gains out of range are clipped."""
+    """The earlier gains are better than all drawn candidates. Earlier gains outside of the range are clipped."""
     stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
     assert tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=budget).error == 1.0

@@ -115,7 +115,7 @@ def test_derivatives_include_the_learning_of_a_network(windy):
     ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
 )
 def test_a_parameter_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
-    """A parameter at its minimum is increased, and a parameter at its maximum decreased."""
+    """The differences increase a parameter at its minimum, and decrease a parameter at its maximum."""
     scenario = asymmetric("pd_t2fnn", "duration=1", f"{field}={bound}", "metrics.start=0")
     sensitivities = flight_sensitivities(scenario, [field])
     with pytest.raises(InputError, match=f"{field} cannot be"):

@@ -145,7 +145,7 @@ def assert_flight_as_exported(scenario, folder, system, *, unavailable=()):
 
 
 def random_signals(seed, description):
-    """Yield measured state, reference, its jerk, and the same numbers as inputs of exported code; angles are large."""
+    """Yield random signals with large angles: measured state, reference, its jerk, and all of them as one array."""
     rng = np.random.default_rng(seed)
     for _ in range(8):
         signals = {"measurement": rng.normal(size=12), "reference": rng.normal(size=11)}
@@ -156,7 +156,7 @@ def random_signals(seed, description):
 
 
 def assert_commands_as_exported(folder, library, encode, decode, *, unavailable=()):
-    """Assert that a project commands what the exported code commands, at large random inputs.
+    """Assert that a project and the exported code compute the same commands from large random inputs.
 
     Args:
         folder: folder with the exported code.

@@ -103,7 +103,7 @@ def test_the_crazyflie_project_without_setpoints_holds_the_yaw_and_stops_the_mot
 
 @needs_compilers
 @pytest.mark.slow
-def test_the_crazyflie_project_follows_velocity_setpoints_from_where_it_is(tmp_path):
+def test_the_crazyflie_project_follows_velocity_setpoints_from_its_current_position(tmp_path):
     _, project = exported(tmp_path, "crazyflie", WRENCH)
     library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
     library.start()
@@ -431,7 +431,7 @@ def test_the_arduino_project_calls_the_controller_at_its_period(tmp_path):
     )
     description, machine = read_description(tmp_path), HostMachine(tmp_path)
     state = HostMachine.initial_state(tmp_path, description)
-    rng, begin = np.random.default_rng(2), 2**32 - 50_000  # the clock overflows
+    rng, begin = np.random.default_rng(2), 2**32 - 50_000  # µs, so that the 32-bit clock overflows after 50 ms
     inputs = rng.normal(size=(6, sum(description.inputs.values()))).astype(np.float32)
     command = np.full(4, np.nan, np.float32)
 
@@ -471,14 +471,14 @@ def hover_code(tmp_path_factory):
     return ExportedCode(export.description, "", "", (), nominal_parameters(scenario), False)
 
 
-FIRMWARE = ["crazyflie", "px4", "arduino"]
+SINGLE_PRECISION_PROJECTS = ["crazyflie", "px4", "arduino"]
 
 
 @pytest.mark.parametrize(
     ("projects", "changes", "message"),
     [
         (["crazyflie"], {"name": "controller"}, "needs another --name than controller, which is a header"),
-        (FIRMWARE, {"precision": "double"}, "needs --precision single"),
+        (SINGLE_PRECISION_PROJECTS, {"precision": "double"}, "needs --precision single"),
         (["crazyflie"], {"outputs": {"attitude_target": 7}}, "commands wrench, not attitude_target"),
         (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),
         (["crazyflie"], {"period": 0.0125}, "a period of whole milliseconds, not 0.0125 s"),

@@ -20,7 +20,10 @@ from drake_quad.signals import Acceleration
 
 
 def holds(*periods):
-    """Return a diagram of zero-order holds in series, whose output is the sum of their outputs, the second negated."""
+    """Return a diagram of zero-order holds in series.
+
+    The output of the diagram is the sum of the outputs of all holds, where the second one is negated.
+    """
     builder = DiagramBuilder()
     systems = [builder.AddNamedSystem(f"hold_{i}", ZeroOrderHold(period, 2)) for i, period in enumerate(periods)]
     builder.ExportInput(systems[0].get_input_port(), "command")

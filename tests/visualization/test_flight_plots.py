@@ -191,7 +191,7 @@ def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
 
 
-def test_positions_and_coordinates_are_taken_from_the_signal(flight):
+def test_positions_of_a_vehicle_are_read_from_its_state(flight):
     state = flight.record("state")
     np.testing.assert_array_equal(positions(state), np.transpose([state.x, state.y, state.z]))
     assert {axis: rows is not None for axis, rows in coordinates_by_axis(state).items()} == dict.fromkeys("xyz", True)

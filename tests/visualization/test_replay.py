@@ -187,7 +187,8 @@ def test_the_panel_shows_error_and_speed_and_a_click_on_its_plot_sets_the_time(f
         said = browser.value("document.querySelector('#key .now').textContent")
         found = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", said)
         assert [float(each) for each in found.groups()] == pytest.approx([error, speed], abs=0.05)
-        # A click on the plot goes to this time. The time axis begins 44 px from the left and ends 8 px from the right.
+        # A click on the plot sets the time of the replay. The time axis begins 44 px from the left and ends 8 px from
+        # the right.
         box = browser.value("(({left, top, width}) => [left, top, width])(errors.getBoundingClientRect())")
         x, y = box[0] + 44 + 0.75 * (box[2] - 52), box[1] + 40
         for kind in ("mousePressed", "mouseReleased"):
@@ -266,7 +267,7 @@ def test_page_data_contain_the_median_of_many_flights(tmp_path):
 
 
 @pytest.mark.parametrize(("length", "spacing"), [(0.9, 0.2), (4.0, 0.5), (8.1, 2.0), (42.0, 10.0)])
-def test_a_grid_has_round_spacing(length, spacing):
+def test_the_spacing_of_a_grid_is_a_round_number(length, spacing):
     room = SceneRoom(np.full(3, -0.5 * length), np.full(3, 0.5 * length), round_spacing(length))
     assert room.spacing == pytest.approx(spacing)
     assert room.grid(0)[[0, -1]] == pytest.approx(np.array([-1, 1]) * spacing * np.floor(0.5 * length / spacing))
