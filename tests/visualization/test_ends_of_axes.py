@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins and round ticks, and overlapping curves can be distinguished."""
+"""Axes contain all curves with small margins and ticks at round numbers, and overlapping curves can be distinguished."""
 
 from dataclasses import replace
 from types import SimpleNamespace
