@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins and ticks at round numbers, and overlapping curves can be distinguished."""
+"""Axes contain all curves with small margins, ticks are at round numbers, and overlapping curves are dashed."""
 
 from dataclasses import replace
 from types import SimpleNamespace
