@@ -219,7 +219,7 @@ class Example(NamedTuple):
 
     @property
     def is_compiled(self) -> bool:
-        """True if the system can be compiled, since it has no continuous state and solves no optimisation problem."""
+        """True if the system can be compiled: it has no continuous state and solves no optimisation problem."""
         return self.structure.get("time_step") != 0.0 and self.system is not PredictiveProgramme
 
     @property

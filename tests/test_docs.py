@@ -54,9 +54,10 @@ SHORT_OPTIONS = {
 SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 
 
-# First line of a block that is saved as a file. On a page with such a YAML block, all blocks run in order in one
-# folder, so that later blocks can use the files.
+# If the first line of a code block matches this pattern, the block is saved as a file of this name.
 FILE_NAME = r"# \w+\.(?:yaml|py)\n"
+# Pages on which a YAML block is saved as a file. All blocks of such a page run in order in one folder, so that later
+# blocks can use the files.
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
 
 

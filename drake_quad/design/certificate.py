@@ -36,31 +36,33 @@ from drake_quad.scenario.models import Scenario
 
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
-_TARGET_BOUND_RATIO = 0.95  # ratio of lower to upper bound at which the division into cells ends
-# Scale of the first box that is tested for stability, relative to the smallest scale at which a loop is unstable.
-# Larger boxes need more cells.
+_TARGET_BOUND_RATIO = 0.95  # ratio of lower to upper bound of the certified scale at which the division into cells ends
+# Scale of the first cell, which contains all others, relative to the smallest scale at which a loop is unstable. Larger
+# cells are divided more often.
 _FIRST_BOX_RATIO = 0.96
-_MAX_CELLS = 150  # largest number of cells
-# If the bound on the structured singular value of a cell is larger, the cell is divided, and the bound is not computed
-# exactly. This does not apply to a box around the centre.
+_MAX_CELLS = 150  # number of cells with a linear fractional model after which no cell is divided any more
+# A cell is divided as soon as the bound on its structured singular value is known to exceed this value. The bound is
+# computed exactly only for cells that are symmetric about the centre of the ranges.
 _MAX_BOUND = 1.02
 _NUM_CELLS_AT_ONCE = 16  # number of cells that are divided at the same time
-_MAX_CORNERS = 64  # largest number of corners of the box at which the search begins
-_NUM_CANDIDATES = 48  # number of loops in each round of the search
-_NUM_ROUNDS = 4  # number of rounds of the search around the most unstable loop
+_MAX_CORNERS = 64  # largest number of combinations of range ends at which the search begins
+_NUM_CANDIDATES = 48  # number of random directions that each round of the search tests
+_NUM_ROUNDS = 4  # number of rounds of the search, after the bisection along the directions of the corners
 _NUM_BISECTIONS = 7
 _MIN_SCALE = 1e-3  # smallest scale at which the search looks for unstable loops
-_SCALE_REDUCTION = 0.97  # scale of a round, relative to the smallest scale so far at which a loop is unstable
-# Scales at which the growth is computed, relative to the scale of the unstable loop.
+# Scale at which a round tests its directions, relative to the smallest scale so far at which a loop fails.
+_SCALE_REDUCTION = 0.97
+# Scales of the loops among which the loop with a visible oscillation is selected, relative to the smallest scale of an
+# unstable loop.
 _GROWTH_FACTORS = (1.0, 1.1, 1.2, 1.3, 1.5, 2.0)
 _MAX_GROWTH_TIME = 10.0  # s, longest growth time with which instability is visible in a flight of a minute
 
 
 class Growth(NamedTuple):
-    """Unstable loop whose oscillation grows fast enough to be visible in a flight.
+    """Growth of the oscillation in an unstable loop that is selected to show the instability in a flight.
 
     Attributes:
-        loop: scale and values of the parameters.
+        loop: scale and parameter values of the loop.
         time: time in which the deviation from hover grows by a factor of e, s.
     """
 
@@ -70,14 +72,18 @@ class Growth(NamedTuple):
 
 @dataclass(frozen=True)
 class Certificate:
-    """Bounds of the scale of the ranges at which hover becomes unstable.
+    """Lower and upper bound of the scale at which hover becomes unstable.
+
+    The ranges of all random parameters are multiplied by the scale.
 
     Attributes:
-        stable_scale: scale up to which hover is stable for all combinations of parameters; 0 without a bound.
-        unstable: unstable loop of the smallest scale; its scale is infinite if none was found up to `MAX_SCALE`.
-        lost: combination of the smallest scale at which no equilibrium was found, since a command saturates; its scale
-            is infinite if all loops had one.
-        growth: loop beyond `unstable` whose instability is visible in a flight; None if no unstable loop was found.
+        stable_scale: lower bound, up to which hover is stable for all combinations of parameters; 0 if none is proved.
+        unstable: unstable loop with the smallest scale that was found; this scale is the upper bound. It is infinite if
+            no loop up to `MAX_SCALE` was unstable.
+        lost: combination of parameters with the smallest scale at which the loop has no equilibrium, because a command
+            saturates. Its scale is infinite if all loops had an equilibrium.
+        growth: loop at the scale of `unstable` or beyond whose oscillation is visible in a flight; None if no unstable
+            loop was found.
         ranges: parameters with a range that act on the loop.
         choices: parameters with discrete values.
         left_out: paths of distributions that do not act on hover in still air.
@@ -110,7 +116,10 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """Difference between the smallest scale of a failure, or `MAX_SCALE`, and the stable scale, relative to it."""
+        """Difference between the two bounds, relative to the upper one.
+
+        The upper bound is the smallest scale at which a loop is unstable or has no equilibrium, at most `MAX_SCALE`.
+        """
         failing = min(self.unstable.scale, self.lost.scale, MAX_SCALE)
         return 1.0 - self.stable_scale / failing if failing > 0.0 else 0.0
 
@@ -118,12 +127,13 @@ class Certificate:
 def certify_hover(
     scenario: Scenario, *, user_systems: UserSystems = UserSystems(), progress: Callable[[int, str], None] | None = None
 ) -> Certificate:
-    """Return the certificate of a scenario's loop, whose random choices follow from the seed of the scenario.
+    """Return the certificate of a scenario's loop. Random choices in the search follow from the scenario's seed.
 
     Args:
         scenario: scenario with distributions.
         user_systems: functions that create the user's systems for N vehicles.
-        progress: function that is called with numbers of loops and a description of the present step.
+        progress: function that is called with the number of loops computed since the last call, and a description of
+            the present step.
 
     Raises:
         InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
@@ -153,8 +163,9 @@ def certify_hover(
 def _search(hover: UncertainHover) -> None:
     """Search for the smallest scale at which a loop is unstable or has no equilibrium.
 
-    The search begins at the corners of the box, each of which is a direction from the centre. The search then changes
-    the direction of the first failing corner at random; the new directions may lead to the inside of the box.
+    The search begins with the directions from the centre of the ranges to their corners, in which each parameter is at
+    an end of its range. It then changes the direction of the first corner that fails at random. The new directions
+    need not lead to corners.
     """
     k = len(hover.ranges)
     all_corners = 2**k <= _MAX_CORNERS
@@ -198,7 +209,7 @@ def _bisect(
     Args:
         hover: loops.
         directions: (K, k) directions from the centre of the ranges, in scaled parameters.
-        combinations: (K,) combinations of choices.
+        combinations: (K,) indices of combinations of discrete values.
         stable: scale at which the loops in all directions are assumed to be stable.
         failing: scale at which the loops in all directions fail.
     """
@@ -213,9 +224,10 @@ def _bisect(
 
 
 def _growth(hover: UncertainHover) -> Growth:
-    """Return the first loop beyond the unstable loop that diverges within `_MAX_GROWTH_TIME`, or else the fastest one.
+    """Return the loop that shows the instability in a flight.
 
-    The parameters move away from the centre of the ranges, in the direction of the unstable loop.
+    The scaled parameters of the unstable loop with the smallest scale are multiplied by each of `_GROWTH_FACTORS`. The
+    result is the first loop whose growth time is at most `_MAX_GROWTH_TIME`, or else the loop with the shortest one.
     """
     z, combination = hover.scaled(hover.unstable.values)
     candidates = np.outer(_GROWTH_FACTORS, z)
@@ -227,7 +239,7 @@ def _growth(hover: UncertainHover) -> Growth:
 
 
 class _Cell(NamedTuple):
-    """Cell of the box of the parameters that act on a part of the loop.
+    """Box of scaled parameters for which a part of the loop is tested for stability.
 
     Attributes:
         part: part of the loop.
@@ -246,24 +258,27 @@ class _Cell(NamedTuple):
         low[axis] = high[axis] = middle
         return [self._replace(high=high), self._replace(low=low)]
 
-    def distance(self) -> float:
-        """Return the smallest scale in the cell."""
+    def min_scale(self) -> float:
+        """Return the smallest scale of all combinations of parameters in this cell."""
         return float(np.maximum(np.maximum(self.low, -self.high), 0.0).max(initial=0.0))
 
-    def distance_without(self, low: np.ndarray, high: np.ndarray) -> float:
-        """Return the smallest scale in the cell outside of a smaller cell."""
+    def min_scale_outside(self, low: np.ndarray, high: np.ndarray) -> float:
+        """Return the smallest scale of all combinations in this cell outside of the box from `low` to `high`, (k,)."""
         outer = [self._replace(high=np.where(axis, low, self.high)) for axis in np.eye(len(low), dtype=bool)]
         outer += [self._replace(low=np.where(axis, high, self.low)) for axis in np.eye(len(low), dtype=bool)]
-        return min(each.distance() for each in outer)
+        return min(each.min_scale() for each in outer)
 
 
 def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
-    """Return the scale up to which all loops are proved to be stable, and the number of cells with a model."""
+    """Return the scale up to which all loops are proved to be stable, and the number of cells that were tested."""
     size = _FIRST_BOX_RATIO * min(hover.reach, MAX_SCALE)
     hover.straighten(size)
     new = [_Cell(part, -size * np.ones(len(part.ranges)), size * np.ones(len(part.ranges))) for part in hover.parts()]
     parents, num_cells, numbers = [0.0] * len(new), 0, count()
-    unproved: list[tuple[float, int, int, _Cell]] = []  # a heap: smallest scale, number, axis of the division, cell
+    # A heap of cells that are not proved to be stable. Each entry consists of the smallest scale that is not proved in
+    # the cell, a consecutive number for entries with equal scales, the axis along which the cell is divided next, and
+    # the cell.
+    unproved: list[tuple[float, int, int, _Cell]] = []
     while new:
         for cell, parent, (scale, axis) in zip(new, parents, _proofs(hover, new), strict=True):
             if scale < math.inf:
@@ -279,7 +294,7 @@ def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
 
 
 def _proofs(hover: UncertainHover, cells: list[_Cell]) -> list[tuple[float, int]]:
-    """Return for each cell the smallest scale that is not proved, and the axis along which it is divided next.
+    """Return, for each cell, the smallest scale in it that is not proved to be stable, and the axis of its division.
 
     The scale is infinite if the whole cell is stable.
     """
@@ -290,17 +305,17 @@ def _proofs(hover: UncertainHover, cells: list[_Cell]) -> list[tuple[float, int]
 
 def _proof(hover: UncertainHover, cell: _Cell, points: np.ndarray, loops: np.ndarray) -> tuple[float, int]:
     if not np.isfinite(loops).all() or not (spectral_radii(loops[:1]) < 1.0).all():
-        return cell.distance(), int(np.argmax(cell.high - cell.low))
+        return cell.min_scale(), int(np.argmax(cell.high - cell.low))
     model = fit_fractional_model(points, loops)
     try:
         whole = bool((cell.low == -cell.high).all())
         found = model.bound(stop=1.0, limit=math.inf if whole else _MAX_BOUND)
     except ArithmeticError:
-        return cell.distance(), int(np.argmax(model.strengths(0.0)))
+        return cell.min_scale(), int(np.argmax(model.strengths(0.0)))
     if found.value <= 1.0:
         return math.inf, 0
     axis = int(np.argmax(model.strengths(found.frequency)))
     if not math.isfinite(found.value):
-        return cell.distance(), axis
+        return cell.min_scale(), axis
     inner = hover.shrunk(cell.part, cell.low, cell.high, 1.0 / found.value)
-    return cell.distance_without(*inner), axis
+    return cell.min_scale_outside(*inner), axis

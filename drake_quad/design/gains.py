@@ -30,8 +30,8 @@ from drake_quad.linear.sampled_system import SampledSystem
 
 _MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that a design tries
 _MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that a design tries, relative to the Nyquist frequency
-_NUM_EFFORTS = 120  # number of efforts that a design tries before the bisection
-# Number of bisections between the largest acceptable effort and the next effort that was tried.
+_NUM_EFFORTS = 120  # number of efforts, such as bandwidths, that a design tries before the bisection
+# Number of bisections between the largest effort that meets the requirements and the next effort that was tried.
 _NUM_BISECTIONS = 12
 # Largest corner frequency k_I / k_P of an integral, relative to the crossover frequency of its PD. Common PID rules use
 # a reset time of 4 / crossover.
@@ -129,10 +129,10 @@ class LoopDesign:
 
 
 class GainFamily(Protocol):
-    """Family of gains that depend on one parameter, the effort."""
+    """Family of gains that depend on one parameter, the effort, such as the bandwidth of a pole pair."""
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
-        """Return the gains that an effort determines for a plant."""
+        """Return the gains of the family for a plant and an effort."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
         """Return the efforts that the design tries, in ascending order."""
@@ -152,7 +152,7 @@ class PolePair(NamedTuple):
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
-        if determinant == 0.0:  # the measurements do not distinguish value and rate
+        if determinant == 0.0:  # the measured value and the measured rate are not independent
             return _NO_GAINS
         return AxisGains(-rate.imag / determinant, value.imag / determinant)
 
@@ -162,14 +162,18 @@ class PolePair(NamedTuple):
 
 
 class Proportional(NamedTuple):
-    """A single gain, which is the effort, 1/s."""
+    """Family of proportional controllers. The effort is the gain itself, 1/s."""
 
     def gains(self, plant: SampledSystem, effort: float) -> ProportionalGain:
-        """Return the effort itself, which is the gain."""
+        """Return the proportional gain, which is equal to the effort."""
         return ProportionalGain(effort)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """Return the gains that the design tries. For an integrator as plant, the crossover frequency is the gain."""
+        """Return the gains that the design tries, 1/s.
+
+        Their range is the range of bandwidths in `PolePair`, because the crossover frequency is equal to the gain if
+        the plant is an integrator.
+        """
         return np.geomspace(_MIN_BANDWIDTH, _MAX_BANDWIDTH_RATIO * math.pi / plant.period, _NUM_EFFORTS)
 
 
@@ -372,7 +376,14 @@ def add_integral(
 
 
 class _GainTrial(NamedTuple):
-    """Trial of an effort: gains, flaws of the loop, and the smallest ratio of a margin to its requirement."""
+    """Gains that a design has tried.
+
+    Attributes:
+        effort: parameter of the family of gains.
+        gains: gains for this effort.
+        flaws: description of each reason why the gains are not acceptable, by the name of the violated requirement.
+        min_ratio: smallest ratio of a margin to its requirement; -inf if the gains have other flaws.
+    """
 
     effort: float
     gains: AxisGains | ProportionalGain
@@ -383,7 +394,7 @@ class _GainTrial(NamedTuple):
 def _flaws_of(
     plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
-    """Return descriptions of a loop's flaws other than margins that are too small."""
+    """Return a description of each flaw of a loop, by name. Margins that are too small are not included."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none exist for this effort"}
     if not min(gains) > 0.0:

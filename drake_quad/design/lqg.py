@@ -6,8 +6,8 @@ limits the peak sensitivity, the delay margin and the RMS of the commands. A tri
 Riccati equations and, for each plant, a Lyapunov equation of the closed loop over a tick.
 
 The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and leans in the
-wind. If the whole loop violates a limit that the chain satisfies, the limit of the chain is tightened and the search
-continues.
+wind. A designed controller is therefore also checked in the exact linear model of the vehicle. If it violates a limit
+there that it satisfies with the chain, the limit for the chain is tightened and the search continues.
 """
 
 import itertools
@@ -44,40 +44,43 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
 _NUM_WIND_SAMPLES = 32  # number of samples for the statistics of the disturbances
-# Correlation times, s, of the disturbance that is constant during a flight, and of the bias. They are so long that the
-# filter estimates both as constants, which has the effect of integral control.
-_CONSTANT_TIME = 50.0
-_BIAS_TIME = 20.0
+# Correlation times of two disturbances that the filter assumes: a constant acceleration, and a constant angular
+# acceleration (the bias). They are so long that the filter estimates both as constants, which has the effect of
+# integral control.
+_CONSTANT_TIME = 50.0  # s
+_BIAS_TIME = 20.0  # s
 # Smallest standard deviations that a design assumes, so that it also exists for a calm and ideal laboratory. The noise
 # values are half of those in laboratory.yaml.
 _MIN_DISTURBANCE = 0.05  # m/s²
-_MIN_BIAS = 0.5  # m/s⁴
+_MIN_BIAS = 0.5  # m/s⁴, constant angular acceleration times gravity
 _MIN_POSITION_NOISE = 5e-4  # m
 _MIN_ATTITUDE_NOISE = 2e-3  # rad
 # Assumed uncertainty of plant parameters that are not distributions.
-_LAG_SPREAD = 1.6  # factor on the lag
-_RESPONSE_SPREAD = 1.15  # factor on the natural frequency of the attitude response
-_DELAY_SPREAD = 1  # additional frames of camera latency, and additional ticks of link delay
+_LAG_SPREAD = 1.6  # factor by which the lag of a rotor may be larger or smaller than its nominal value
+_RESPONSE_SPREAD = 1.15  # the same factor for the natural frequency of the attitude response
+_DELAY_SPREAD = 1  # number of additional frames of camera latency, and of additional ticks of link delay
 _NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is computed
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency at which the sensitivity is computed
-_PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost, relative to the logarithm of the error
+_PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost; the logarithm of the error has the weight 1
 _MAX_EVALUATIONS = 600  # largest number of cost evaluations in a search
 # Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance. In
 # 1,000 flights of `bad_day`, Crazyflie designs with the factors 1, 2 and 3 crash in 17, 2.4 and 3.4 % of the flights.
 _TORQUE_HEADROOM = 2.0
-# Largest number of searches, each with tighter limits, until the whole loop observes the limits.
+# Largest number of searches. Each search has tighter limits than the one before, until the controller satisfies the
+# given limits in the exact linear model.
 _MAX_ROUNDS = 5
-_TIGHTENING = 0.998  # additional factor by which a violated limit is tightened
+# A violated limit is tightened by the ratio by which it is violated, and by this additional factor.
+_TIGHTENING = 0.998
 
 
 class LqgLimits(NamedTuple):
-    """Limits that a design must observe.
+    """Limits that a design must satisfy.
 
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)| at the command link, for the loop with the nominal plant.
         delay: smallest delay margin at the command link, s.
         snap: largest RMS of the command along x and y if torques are sent over the link, m/s⁴; see `snap_limit`.
-        acceleration: largest RMS of the command along z, and with an autopilot along x and y, m/s².
+        acceleration: largest RMS of the command along z, m/s². With an autopilot, the limit also applies to x and y.
     """
 
     sensitivity: float = 3.0
@@ -199,7 +202,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
 
     Args:
         scenario: scenario with or without distributions; its control is ignored.
-        limits: limits that the design must observe.
+        limits: limits that the design must satisfy.
 
     Raises:
         InputError: if no design is stable for the nominal plant, or the yaw PD cannot be designed.
@@ -369,7 +372,7 @@ def flight_conditions(scenario: Scenario) -> Conditions:
 
 
 def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
-    """Return the performance of an axis that the linear model predicts for a plant, nominal or not."""
+    """Return the performance that a linear model predicts if the filter and regulator of a loop control a plant."""
     (prediction,) = _LiftedLoops.of(loop, [actual_plant], timing).predicted()
     return prediction
 
@@ -469,8 +472,8 @@ class _LiftedLoops:
         stable = np.flatnonzero(poles < 1.0 - 1e-9)
         lost = self.lost[stable]
         noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
-        # The first index of each array is the source: 0 for the noise of a tick, and 1 for noise of unit variance that
-        # is added to the command. The second index is the stable plant.
+        # The first axis of each array has two entries: one for the disturbances and measurement noise during a tick,
+        # and one for noise of unit variance that is added to the command. The second axis enumerates the stable loops.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
         # A lost command acts like noise with the variance of the command's change. This noise itself increases the
@@ -560,7 +563,7 @@ class _LqgSearch:
         )
 
     def improved(self) -> "_LqgSearch":
-        """Return a search whose parameters have been improved by a local search from the present ones."""
+        """Return a search with better parameters, which a local search has found starting from the present ones."""
         logs = np.log(self.values)
         first, *_ = steps = np.eye(len(logs))
         with single_threaded_blas():
@@ -587,7 +590,13 @@ class _LqgSearch:
         return axis, predictions
 
     def with_tighter_limits(self, limits: LqgLimits, exact: Sequence[Margins | None]) -> "_LqgSearch":
-        """Return this search if the whole loop observes the limits; otherwise return a search with tighter limits."""
+        """Return this search if the exact loops satisfy the limits; otherwise return a search with tighter limits.
+
+        Args:
+            limits: limits for the exact loops.
+            exact: margins of the loop through each command signal in the exact linear model; None for a signal without
+                feedback.
+        """
         loop_margins = [margins for margins in exact if margins is not None]
         sensitivity = max((margins.sensitivity for margins in loop_margins), default=0.0)
         delay = min((margins.delay for margins in loop_margins), default=math.inf)

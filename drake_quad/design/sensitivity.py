@@ -98,7 +98,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     context = simulator.get_mutable_context()
     context.SetTimeStateAndParametersFrom(start)
     layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
-    # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
+    # After arithmetic on arrays of Python objects, NumPy may warn about floating-point errors that did not occur.
     with np.errstate(all="ignore"):
         fly(simulator, flight_duration(scenario, plan), jumps=jump_times(Batch.draw(scenario, [0])))
         metrics = read_metrics(converted, context)

@@ -23,8 +23,8 @@ _AUTOPILOT_BLOCK = "laboratory.autopilot"
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
 _NUM_FREQUENCIES = 300  # number of frequencies between which the delay margin is interpolated
-# Difference between the gains of two linear models. The models are affine in the gains, so that any difference would
-# give the same result.
+# Change of a gain with which the derivative of the linear model is computed as a difference. The model is affine in the
+# gains, so that any change gives the same derivative.
 _GAIN_STEP = 1.0
 # Relative change, with respect to the largest entry, up to which a matrix entry counts as independent of the gain.
 _ROUNDING_TOLERANCE = 1e-9
@@ -119,7 +119,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
 
 def _map_of(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
-    """Return the stability map for an array (rows, columns, 2) of gains on the value and on the rate."""
+    """Return the stability map for pairs of gains (rows, columns, 2) on the two outputs of a plant, value and rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     clipped_poles = np.where(np.abs(poles) > _MIN_POLE_MAGNITUDE, poles, _MIN_POLE_MAGNITUDE)

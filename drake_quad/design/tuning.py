@@ -29,18 +29,22 @@ from drake_quad.scenario.paths import map_leaves
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-_ELITE_FRACTION = 0.25  # fraction of the points with the smallest cost, which determine the next distribution
+_ELITE_FRACTION = 0.25  # fraction of the points, those with the smallest cost, that determine the next distribution
 _DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
 _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
-_FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
-# Weight of the penalty for a violated limit: logarithm of the error per logarithm of the violated ratio.
+# The first round evaluates the limits for this many times as many candidates as each later round.
+_FIRST_CHECKS_FACTOR = 4
+# A violated limit increases the logarithm of the error by this factor times the logarithm of the ratio by which the
+# limit is violated.
 _PENALTY = 4.0
-# Assumed prediction error of a ratio from `margin_ratios` in the first round: error of its logarithm per distance
-# from the nearest evaluated point, where the width of the box is 1.
+# The search interpolates the logarithms of the ratios from `margin_ratios` between the points at which they were
+# evaluated. In the first round, the assumed error of the interpolation is this factor times the distance from the
+# nearest of these points. The range of each parameter has a width of 1.
 _INITIAL_UNCERTAINTY = 0.5
-# Distance that the search keeps from a limit, as the logarithm of the ratio, because predictions are not exact.
+# Logarithm of the smallest margin ratio that the search accepts without a penalty. It is above zero, the limit itself,
+# because predicted ratios are not exact.
 _LIMIT_RESERVE = 0.002
-# Initial step of each local search, relative to the width of the box.
+# Initial step of each local search, relative to the width of a parameter's range.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
 # Ratios from `margin_ratios` are clipped to this range before they are interpolated.
 _MARGIN_RATIO_RANGE = (0.2, 1.5)
@@ -112,7 +116,7 @@ class TuningResult(NamedTuple):
 
     Attributes:
         values: tuned values, in the order of the parameters.
-        error: mean RMSE on the training samples, where a crash counts as 1 to 2 m, m.
+        error: mean RMSE on the training samples, m. A crash counts as an RMSE of 1 to 2 m.
         min_margin_ratio: smallest ratio of a margin to its limit; 1 or more if all limits are met, infinite without
             limits.
     """
@@ -239,7 +243,7 @@ class _GainSearch(NamedTuple):
         """Return the best candidate; the arguments are as in `tune`."""
         count, size = len(self.parameters), self.budget.candidates
         trial = _Trial(scenarios, self.parameters, self.budget, self.first_sample, self.extra_latency)
-        # Coordinates of points are relative to the box and range from 0 to 1.
+        # Each coordinate of a point is 0 and 1 at the ends of a parameter's range.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
         evaluated, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
@@ -268,7 +272,7 @@ class _GainSearch(NamedTuple):
 
 
 class _Trial:
-    """Candidates, as points in the box of the parameter ranges, and the fleets that simulate them."""
+    """Simulation of candidates, which are points whose coordinates are 0 and 1 at the ends of the parameter ranges."""
 
     def __init__(
         self,
@@ -292,11 +296,11 @@ class _Trial:
         self.min_deviation = _MIN_DEVIATION / self._width
 
     def values(self, point: np.ndarray) -> tuple[float, ...]:
-        """Return the parameter values at a point in the box."""
+        """Return the parameter values at a point."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point in the box at which the parameters have given values."""
+        """Return the point at which the parameters have given values."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
@@ -409,11 +413,10 @@ class _EvaluatedPoints:
         The penalty decreases with the distance from evaluated points, so that the search also explores unknown regions.
 
         Args:
-            points: (count, dimensions) points.
-            uncertainty: assumed prediction error of the logarithm, per distance from the nearest evaluated point. A
-                distance of 1 is the width of the box.
+            points: (count, dimensions) points; each coordinate is 0 and 1 at the ends of a parameter's range.
+            uncertainty: assumed error of the predicted logarithm, per distance from the nearest evaluated point.
         """
-        # The interpolation requires at least as many points as a plane needs.
+        # A plane through `dimensions` + 1 points fits them exactly, so predictions need at least one more point.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._fractions))
@@ -426,8 +429,8 @@ class _EvaluatedPoints:
 def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
     """Return the logarithms (count,) of clipped ratios from `margin_ratios`.
 
-    The single ratio of an unstable loop is repeated. Far from the limits, the ratios are discontinuous, and the search
-    does not need their exact values.
+    For an unstable loop, `margin_ratios` returns one ratio instead of `count`, which is then used for all limits. The
+    search needs exact ratios only near the limits, and far from the limits they are discontinuous.
     """
     return np.log(np.clip(np.broadcast_to(fractions, count), *_MARGIN_RATIO_RANGE))
 

@@ -31,15 +31,18 @@ from drake_quad.vehicle.rigid_body import nearest_rigid_inertia
 MIN_DECAY = 1e-6
 """A loop is unstable if a pole is outside the unit circle by more than this distance, which exceeds rounding errors."""
 _SIGMA = 3.0  # range of a normal distribution without limits, in standard deviations
-_MIN_FRACTION = 0.1  # smallest value of a positive quantity, relative to the centre of its range
+_MIN_FRACTION = 0.1  # smallest value of a quantity that cannot be negative, relative to the centre of its range
 _MAX_CHOICES = 32  # largest number of combinations of discrete values
 _MAX_LOOPS = 512  # number of loops that are computed at the same time
-_NUM_PROBES = 6  # number of random combinations at which the effect of each parameter is computed
+_NUM_PROBES = 6  # number of random combinations of parameters at which the effect of each parameter is computed
 # A parameter acts on the loop if it changes an entry of the system matrix by more than this fraction of the largest
 # entry in the same row.
 _MIN_EFFECT = 1e-6
-_MIN_COUPLING = 1e-7  # smallest entry of a system matrix, relative to the largest one of its row
-_EXPONENTS = (1.0, 0.0, -0.5, -1.0)  # powers of a value on which a loop may depend linearly; 0 for the logarithm
+# States are coupled if an entry of the system matrix exceeds this fraction of the largest entry in the same row.
+_MIN_COUPLING = 1e-7
+# Loops are interpolated linearly in a power of each parameter. These are the exponents that are tried; 0 stands for the
+# logarithm.
+_EXPONENTS = (1.0, 0.0, -0.5, -1.0)
 
 
 class Range(NamedTuple):
@@ -60,7 +63,10 @@ class Range(NamedTuple):
     is_logarithmic: bool
 
     def at(self, z: np.ndarray) -> np.ndarray:
-        """Return the values at z, which is -1 and 1 at the ends of the range; positive ranges have positive values."""
+        """Return the values at scaled parameters z, which are -1 and 1 at the ends of the range.
+
+        If the range at scale 1 contains no negative number, the values are clipped so that none is negative.
+        """
         if self.is_logarithmic:
             return np.asarray(math.sqrt(self.low * self.high) * (self.high / self.low) ** (0.5 * z))
         centre = 0.5 * (self.low + self.high)
@@ -75,7 +81,7 @@ class Range(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """Random parameter with a few discrete values, all of which belong to the box at any scale."""
+    """Random parameter with a few discrete values, all of which are possible at any scale."""
 
     path: str
     field: str
@@ -95,12 +101,12 @@ class Failure(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Strongly coupled states of a loop, whose poles are also poles of the loop.
+    """Strongly coupled states of a loop. The poles of these states alone are also poles of the whole loop.
 
     Attributes:
         states: indices of the states.
-        ranges: indices of the parameters with a range that act on them.
-        combination: index of the combination of discrete values.
+        ranges: indices of the parameters with a range that affect these states.
+        combination: index of the combination of discrete values in `UncertainHover.combinations`.
     """
 
     states: np.ndarray
@@ -114,15 +120,17 @@ class UncertainHover:
     Args:
         scenario: scenario with distributions. Random choices follow from its seed.
         user_systems: functions that create the user's systems for N vehicles.
-        progress: function that is called with numbers of loops and a description of the present step.
+        progress: function that is called with the number of loops computed since the last call, and a description of
+            the present step.
 
     Attributes:
         ranges: parameters with a range that act on the loop.
         choices: parameters with discrete values.
         combinations: (combinations, choices) all combinations of discrete values.
         left_out: paths of distributions that do not act on hover in still air.
-        unstable: unstable loop of the smallest scale so far.
-        lost: combination of the smallest scale so far at which no equilibrium exists, since a command saturates.
+        unstable: unstable loop with the smallest scale so far.
+        lost: combination of parameters with the smallest scale so far at which the loop has no equilibrium, because a
+            command saturates.
         num_loops: number of loops so far.
         generator: source of all random choices.
 
@@ -176,15 +184,15 @@ class UncertainHover:
         return min(self.unstable.scale, self.lost.scale)
 
     def parts(self) -> list[Part]:
-        """Return the parts of the loops on which parameters act."""
+        """Return the parts that depend on a parameter with a range, for each combination of discrete values."""
         count = range(len(self.combinations))
         return [Part(states, ranges, i) for i in count for states, ranges in self._groups if len(ranges)]
 
     def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
         """Return the spectral radii (K,) of the loops at scaled parameters (K, k); NaN without an equilibrium.
 
-        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. The loop with
-        the smallest scale that is unstable or has no equilibrium is stored.
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones within their ranges. The
+        unstable loop with the smallest scale is stored, and so is the loop without an equilibrium.
         """
         values = self._with_rigid_bodies(z)
         loops = self._loops(values, combinations, step)
@@ -197,30 +205,45 @@ class UncertainHover:
         return radii
 
     def combined(self, z: np.ndarray, combination: int) -> Failure:
-        """Return the values of all parameters at scaled parameters (k,) and a combination of choices, by path."""
+        """Return the scale and all parameter values of one loop.
+
+        Args:
+            z: (k,) scaled parameters.
+            combination: index of the combination of discrete values.
+        """
         paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
         numbers = self.all_values(z[np.newaxis], np.array([combination]))[0]
         return Failure(float(np.abs(z).max()), dict(zip(paths, map(float, numbers), strict=True)))
 
     def all_values(self, z: np.ndarray, combinations: np.ndarray) -> np.ndarray:
-        """Return the values (K, k + choices) of all parameters at scaled parameters (K, k) and combinations (K,)."""
+        """Return the values of all parameters of K loops: (K, k) in ranges, followed by (K, m) discrete values.
+
+        Args:
+            z: (K, k) scaled parameters.
+            combinations: (K,) indices of combinations of the m discrete values.
+        """
         return np.hstack([self._with_rigid_bodies(z), self.combinations[combinations]])
 
     def scaled(self, values: dict[str, float]) -> tuple[np.ndarray, int]:
-        """Return the scaled parameters (k,) and the index of the combination of choices, for given values by path."""
+        """Return the scaled parameters (k,) and the index of the combination of discrete values of one loop.
+
+        Args:
+            values: values of all parameters, by path.
+        """
         z = np.array([each.scaled(np.array(values[each.path])) for each in self.ranges])
         chosen = np.array([values[each.path] for each in self.choices])
         return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
     def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return all pairs of scaled parameters (K, k) and a combination of choices, which is given by its index."""
+        """Return each row of an array (K, k) with each combination of discrete values: the rows, and the indices."""
         count = len(self.combinations)
         return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
 
     def straighten(self, size: float) -> None:
-        """Choose, for each value, the power on which the loops depend most linearly within a scale of `size`.
+        """Select, for each parameter, the exponent that makes the loops most nearly linear in a power of the parameter.
 
-        `loops_in` and `shrunk` then interpolate between the ends of a cell in these powers.
+        The loops are compared up to the scale `size`. `loops_in` and `shrunk` then interpolate linearly between the
+        powers at the ends of a cell.
         """
         k, steps = len(self.ranges), np.array([0.0, *STEPS])
         z = np.zeros((k, len(steps), k))
@@ -242,11 +265,11 @@ class UncertainHover:
             self._exponents[i] = allowed[int(np.argmin(errors))]
 
     def loops_in(self, cells: list[tuple[Part, np.ndarray, np.ndarray]], points: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and store loops that fail.
+        """Return the system matrices (K, n, n) of parts at points of their cells, and store loops that fail.
 
         Args:
-            cells: part, and lower and upper ends (k,) of the scaled parameters that act on it.
-            points: (K, k) points between -1 and 1.
+            cells: for each cell, a part, and the lower and upper ends (k,) of the scaled parameters that affect it.
+            points: for each cell, points (K, k) with coordinates from -1 to 1, which are the ends of the cell.
         """
         z = [np.zeros((len(each), len(self.ranges))) for each in points]
         combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
@@ -255,7 +278,7 @@ class UncertainHover:
         values, ends = self._values(np.concatenate(z)), np.cumsum([len(each) for each in points])
         samples = np.split(np.arange(len(values)), ends[:-1])
         found: dict[int, np.ndarray] = {}
-        # Loops of cells with the same states are computed together, without the other states.
+        # If several parts have the same states, their loops are computed in one call, with only these states.
         for states in {tuple(part.states): part.states for part, *_ in cells}.values():
             members = [i for i, (part, *_) in enumerate(cells) if np.array_equal(part.states, states)]
             chosen = np.concatenate([samples[i] for i in members])
@@ -302,13 +325,17 @@ class UncertainHover:
     def _loops(
         self, values: np.ndarray, combinations: np.ndarray, step: str, states: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices.
+        """Return the system matrices (K, n, n) of K loops.
 
-        If states are given, the matrices contain only their rows and columns.
+        Args:
+            values: (K, k) values of the parameters with a range.
+            combinations: (K,) indices of combinations of discrete values.
+            step: description of the present step, for the progress.
+            states: indices of the rows and columns that are returned; None for all.
         """
         rows = np.hstack([values, self.combinations[combinations]])
-        # The delay lines of a fleet are as long as its longest delay. Each fleet contains a loop with the largest
-        # choices, so that all system matrices have the same size.
+        # The number of states of a fleet depends on its longest delay, which is a discrete value. A loop with the
+        # largest discrete values is added to each fleet, so that all system matrices have the same size.
         longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
@@ -318,14 +345,17 @@ class UncertainHover:
         return np.concatenate(loops)
 
     def _with_rigid_bodies(self, z: np.ndarray) -> np.ndarray:
-        """Return the values (K, k) of the parameters with a range, with moments of inertia that are possible."""
+        """Return the values (K, k) of the parameters with a range.
+
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones.
+        """
         values = self._values(z)
         columns = {each.field: i for i, each in enumerate(self.ranges)}
         moments = [f"vehicle.inertia.{axis}" for axis in range(3)]
         used = [moment for moment in moments if moment in columns]
         if not used:
             return values
-        # The corrected moments of a combination do not exceed the scale of this combination.
+        # Each row of z has its own scale. The moments of inertia are moved only within their ranges at this scale.
         sizes = np.abs(z).max(axis=1, keepdims=True) * np.ones_like(z)
         ends = (self._values(-sizes), self._values(sizes))
         fixed = dict(zip(moments, self._fleet.resting.vehicle.inertia, strict=True))
@@ -348,9 +378,11 @@ class UncertainHover:
             )
 
     def _probes(self) -> np.ndarray:
-        """Return the loops (probes, combinations, 1 + k, n, n) at random points, and with each parameter changed there.
+        """Return loops that show which parameters change which entries of the system matrix.
 
-        A loop without an equilibrium is replaced by the loop at the centre.
+        The shape is (points, combinations, 1 + k, n, n). Along the third axis, the first loop is at a random point, and
+        in each of the other k loops, one parameter has another random value. A loop without an equilibrium is replaced
+        by the loop at the centre.
         """
         k, count = len(self.ranges), len(self.combinations)
         old, new = self.generator.uniform(-1.0, 1.0, (2, _NUM_PROBES, k))
@@ -376,7 +408,7 @@ class UncertainHover:
 
 
 def is_unstable(radii: np.ndarray) -> np.ndarray:
-    """Return the mask of the spectral radii of unstable loops."""
+    """Return a mask that is True for the spectral radii of unstable loops."""
     return radii > 1.0 + MIN_DECAY
 
 
@@ -385,14 +417,14 @@ def _power(value: np.ndarray, exponent: float) -> np.ndarray:
 
 
 def parameters_in_hover(scenario: Scenario) -> tuple[tuple[Range, ...], tuple[Choice, ...], tuple[str, ...]]:
-    """Return the random parameters that hover in still air contains, and the paths of all other distributions."""
+    """Return the random parameters on which hover in still air depends, and the paths of all other distributions."""
     median = median_scenario(scenario)
     ranges: list[Range] = []
     choices: list[Choice] = []
     left_out: list[str] = []
     for path, distribution in distributions_in(scenario).items():
         low, high = _range_of(distribution)
-        ends = [_hover_leaves(median, path, value) for value in (low, high)]
+        ends = [_hover_fields(median, path, value) for value in (low, high)]
         fields = [field for field, value in ends[0].items() if field in ends[1] and value != ends[1][field]]
         if len(fields) != 1:
             left_out.append(path)
@@ -403,8 +435,8 @@ def parameters_in_hover(scenario: Scenario) -> tuple[tuple[Range, ...], tuple[Ch
     return tuple(ranges), tuple(choices), tuple(left_out)
 
 
-def _hover_leaves(scenario: Scenario, path: str, value: float) -> dict[str, object]:
-    """Return the leaves of a scenario in hover, with another value of a field."""
+def _hover_fields(scenario: Scenario, path: str, value: float) -> dict[str, object]:
+    """Return all fields of a scenario in hover, by path, after one field of the scenario was set to a value."""
     changed = map_leaves(scenario, lambda each, old: value if each == path else old)
     return dict(leaves(symmetric_hover(at_rest(changed))))
 

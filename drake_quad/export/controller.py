@@ -134,7 +134,7 @@ def _check_replaceable(file: Path) -> None:
     """Check that a file does not exist, or that it was written by an export.
 
     Raises:
-        InputError: if somebody else wrote the file.
+        InputError: if the file exists and was not written by an export.
     """
     if file.is_file() and _DIGEST not in file.read_text(encoding="utf-8", errors="replace").partition("*/")[0]:
         raise InputError(f"{file} was not exported by drake_quad; choose another name or folder, or delete it")

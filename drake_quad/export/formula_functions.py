@@ -13,7 +13,7 @@ from drake_quad.framework.records import ABSENT, ROW, Layout
 from drake_quad.framework.symbols import LEAVES, Listing, Symbol
 from drake_quad.framework.variable_names import collect_names
 
-_TIME_GROUP = -1  # index of the time; the other inputs of a formula (ports, parameters, states) are counted from 0
+_TIME_GROUP = -1  # index of the time among the inputs of a formula; ports, parameters and states are counted from 0
 
 
 class Argument(NamedTuple):
@@ -49,8 +49,8 @@ class FormulaFunctions:
 
     Args:
         structs: structs of the header, to which the types of arguments and results are added.
-        functions: static functions of the C file, to which those that formulas call are added, such as network layers.
-        reserved: names that no function may have, because they are variables of the function that calls them.
+        functions: static functions of the C file. Functions that a formula calls, such as network layers, are added.
+        reserved: names that no function may have, because variables of the calling function have these names.
 
     Attributes:
         texts: C code of each function.
@@ -140,7 +140,10 @@ class FormulaFunctions:
         return FormulaFunction(name, tuple(kept), body.num_operations)
 
     def _name(self, formula: Any, label: str) -> str:
-        """Return the name of the C function of a formula: the name of the Python function, unless it is used."""
+        """Return the name of the C function of a formula.
+
+        It is the name of the Python function, or `compute_` and the label if this name is already taken.
+        """
         name = identifier(getattr(_unwrapped(formula), "__name__", "lambda").strip("_<>"))
         taken = {function.name for function in self._by_signature.values()}
         return f"compute_{label}" if name in self._reserved | taken else name

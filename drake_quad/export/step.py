@@ -29,8 +29,8 @@ from drake_quad.signals import SIGNALS
 
 # Prefix of system paths that is omitted in the names in C.
 _CONTROL = "control."
-# Name of the state of Drake's own systems, which have no name for it.
-_HELD_VALUE = "value"
+# Name in C for the state of Drake's own systems, which has no name in Drake.
+_UNNAMED_STATE = "value"
 
 
 class Member(NamedTuple):
@@ -62,7 +62,10 @@ class _Update(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """C expression of one component of a signal. Computations of Drake's own systems add and scale such expressions.
+    """C expression of one component of a signal.
+
+    Sums and multiples of expressions are expressions, too. Computations of Drake's own systems can therefore be applied
+    to expressions instead of numbers.
 
     Attributes:
         text: text of the expression.
@@ -145,7 +148,7 @@ class Step:
         self._context = diagram.CreateDefaultContext()
         self.states, self.parameters = self._states(), self._parameters()
         self._structs, self.formulas = structs, FormulaFunctions(structs, functions, self._variables())
-        # C type of each expression that is a struct, by the expression.
+        # Layout of the struct that a C expression denotes, by the text of the expression.
         self._types: dict[str, Layout] = {}
         self._rows_of: dict[Port, list[str]] = {}
         self._input_layouts = {port: self._input_layout(port) for port in self._exported_inputs()}
@@ -224,7 +227,7 @@ class Step:
         return [(update, update.period) for update in self._blocks[path].updates if update.period is not None]
 
     def _divisor(self, label: str, period: float) -> int:
-        """Return the number of steps in a period, which is in seconds.
+        """Return the number of steps in a period (s).
 
         Raises:
             InputError: if the period is not a multiple of the step.
@@ -246,7 +249,7 @@ class Step:
         return self._sources(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
 
     def _require(self, port: Port, divisor: int) -> None:
-        """Note that an output port, and all ports on which it depends, must be computed every `divisor` steps."""
+        """Request the computation of an output port, and of all ports on which it depends, every `divisor` steps."""
         common = math.gcd(self._divisors.get(port, divisor), divisor)
         if self._divisors.get(port) != common:
             self._divisors[port] = common
@@ -307,7 +310,7 @@ class Step:
     def held_rows(self, path: str) -> list[str]:
         """Return the expressions of the state of one of Drake's own systems, which has a single state group."""
         layout = rows_layout(self.default_context(path).get_discrete_state(0).size())
-        return self._struct_rows(f"controller->{_member(path, _HELD_VALUE)}", layout)
+        return self._struct_rows(f"controller->{_member(path, _UNNAMED_STATE)}", layout)
 
     def _rows_of_block(self, port: Port) -> list[str]:
         """Return the expressions of an output port of one of Drake's own systems; computed values get a variable."""
@@ -392,7 +395,7 @@ class Step:
                     states[_member(path, group.name)] = Member(path, group.layout, value)
             elif context.num_discrete_state_groups():
                 value = context.get_discrete_state(0).value()
-                states[_member(path, _HELD_VALUE)] = Member(path, rows_layout(len(value)), value)
+                states[_member(path, _UNNAMED_STATE)] = Member(path, rows_layout(len(value)), value)
         return states
 
     def _parameters(self) -> dict[str, Member]:
@@ -427,7 +430,7 @@ class Step:
         for path, declared, divisor in self._updates:
             statements = self._statements[divisor]
             if isinstance(declared, BlockUpdate):
-                member = _member(path, _HELD_VALUE)
+                member = _member(path, _UNNAMED_STATE)
                 (rows,) = declared.compute(_BlockView(self, path)).values()  # type: ignore[arg-type]
                 statements += self._assignments(f"next_{member}", rows_layout(len(rows)), [row.text for row in rows])
                 changed.append(member)
@@ -442,7 +445,10 @@ class Step:
         return changed
 
     def _assignments(self, target: str, layout: Layout, rows: Sequence[str]) -> list[str]:
-        """Return the statements that assign components to a struct; if they form a struct, it is copied at once."""
+        """Return the statements that assign components to a struct.
+
+        There is a single statement if the components are all members of one other struct of the same type.
+        """
         if struct := self._whole_struct(rows, layout):
             return [f"{target} = {struct};"]
         return [f"{target}{accessor} = {row};" for accessor, row in zip(accessors(layout), rows, strict=True)]

@@ -22,8 +22,8 @@ from drake_quad.scenario.batch import Batch
 _CHECK_INTERVAL = 1.0
 # Number of ticks between two checks for crashes in compiled diagrams, for fleets and for a single vehicle. A single
 # event simulates all these ticks, so that Drake's overhead is negligible.
-_CHECK_TICKS_OF_FLEET = 100
-_CHECK_TICKS_OF_SINGLE_VEHICLE = 500
+_TICKS_BETWEEN_CHECKS_OF_FLEET = 100
+_TICKS_BETWEEN_CHECKS_OF_SINGLE_VEHICLE = 500
 
 
 class FleetSimulation(ABC):
@@ -134,7 +134,7 @@ class CompiledSimulation(FleetSimulation):
         # copied back.
         self._wired = build_fleet_diagram(batch, plan, user_systems=self._user_systems)
         self._wired_context = self._wired.CreateDefaultContext()
-        ticks = _CHECK_TICKS_OF_SINGLE_VEHICLE if len(batch) == 1 else _CHECK_TICKS_OF_FLEET
+        ticks = _TICKS_BETWEEN_CHECKS_OF_SINGLE_VEHICLE if len(batch) == 1 else _TICKS_BETWEEN_CHECKS_OF_FLEET
         # Flights end and are recorded at control ticks. The control period is given explicitly, because other parts of
         # the diagram may have longer periods.
         tick = batch.scenario.laboratory.command_link.period

@@ -88,7 +88,10 @@ class Episodes:
         return Episode(int(self.seeds[vehicle]), int(self.samples[vehicle]))
 
     def _compute_ahead(self) -> None:
-        """Fill the buffer: compute the initial values of all missing episodes, from the current samples on."""
+        """Compute the initial values of further episodes, until the buffer of every vehicle is full.
+
+        The buffer of a vehicle begins with its current episode.
+        """
         counts = np.maximum(self.samples, 0) + self._num_ahead - self._next
         vehicles = np.repeat(np.arange(len(counts)), counts)
         firsts = np.repeat(np.cumsum(counts) - counts, counts)

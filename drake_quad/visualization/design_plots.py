@@ -29,7 +29,10 @@ def _titles_of_drawn_loops(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
 
 
 def plot_bode(design: CascadeDesign) -> Figure:
-    """Plot gain and phase of both drawn loops over frequency, with the stability margins."""
+    """Plot gain and phase of two loops over frequency, with their stability margins.
+
+    The loops are those of pitch and x, or of z and x if an autopilot controls the attitude.
+    """
     import control
 
     loops = design.all_loops
@@ -48,7 +51,7 @@ def plot_bode(design: CascadeDesign) -> Figure:
 
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
-    """Plot the Nyquist curves of both drawn loops, with the disk around -1 that the disk margin excludes."""
+    """Plot the Nyquist curves of the loops in `plot_bode`, with the disk around -1 that the disk margin excludes."""
     loops = design.all_loops
     with new_panels(9.0, 4.5, 1, 2) as (figure, (row,)):
         for axes, (axis, title) in zip(row, _titles_of_drawn_loops(loops).items(), strict=True):
@@ -77,7 +80,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
     """Plot the root locus of the position loop, whose two gains are multiplied by a common factor."""
     loop = design.loops["x"]
     plant, period = loop.plant, loop.plant.period
-    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # factors on both gains
+    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # factors by which both gains are multiplied
     gain_row = np.array([loop.gains])
     poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ gain_row @ plant.C))
     limit_factor = 10.0 ** (loop.margins.gain / 20.0)

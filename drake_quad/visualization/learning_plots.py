@@ -28,8 +28,7 @@ from drake_quad.visualization.style import (
 
 # Pairs of exponents (a1, a2) in Fig. 4 of Kayacan and Maslim (2016).
 PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
-# Errors, m, at which the secant gain is labelled.
-_LABELLED_ERRORS = (0.001, 0.01, 0.05)
+_LABELLED_ERRORS = (0.001, 0.01, 0.05)  # m, position errors at which a plot states the secant gain of the network
 # Number of points along each side of a surface.
 _NUM_SURFACE_POINTS = 101
 # In a plot of the weights, the colour shows the fuzzy set of the first input, and the line style shows the fuzzy set of
@@ -59,7 +58,10 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 
 
 def plot_network_memberships(flight: Flight) -> Figure:
-    """Plot the membership functions of Fig. 4 of the paper, and of a flight's network if its exponents differ."""
+    """Plot the membership functions of Fig. 4 of the paper, and those of the network of a flight.
+
+    Equal membership functions are plotted only once.
+    """
     sets = _network_of(flight).antecedents()
     figure = plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
     _title(figure, "Membership functions of type-2 fuzzy sets with centre c and width d")

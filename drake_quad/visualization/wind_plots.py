@@ -211,7 +211,7 @@ def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
     is_windy = speed[thinned] > 0.03 * top
     a, b = (coordinate[thinned][is_windy] for coordinate in np.meshgrid(across, up))
     v_a, v_b = (velocity[axis][thinned][is_windy] for axis in (plane.across, plane.up))
-    per_metre = top / (step * float(np.diff(across[:2]).item()))  # the longest arrow reaches to the next one
+    per_metre = top / (step * float(np.diff(across[:2]).item()))  # the longest arrow ends where the next begins
     axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
     axes.set(xlabel=f"{plane.across.upper()} (m)", ylabel=f"{plane.up.upper()} (m)")
     side = "From the side" if plane.up == "z" else "From above"

@@ -32,7 +32,7 @@ def test_the_compared_impulse_response_has_twice_as_many_samples_as_states():
     np.testing.assert_array_equal(_markov(delay_plant(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def test_plants_with_equal_impulse_responses_are_equal():
+def test_plants_with_equal_impulse_responses_count_as_equal():
     plant = replace(delay_plant(2), A=np.array([[0.5, 1.0], [0.0, -0.3]]))
     transformed = plant.transformed([0, 1], np.array([[1.0, 2.0], [-3.0, 1.0]]), ["a", "b"])
     assert _has_equal_response(plant, transformed)

@@ -63,19 +63,19 @@ def test_an_unstable_loop_diverges_with_the_stated_growth_time(certificate):
 
 
 @pytest.mark.slow
-def test_the_certified_box_has_the_ranges_at_the_stable_scale(certificate):
+def test_the_certified_box_is_each_range_multiplied_by_the_stable_scale(certificate):
     for (path, centre), spread in zip(CENTRES.items(), SPREADS, strict=True):
         half = centre * spread * certificate.stable_scale
         assert certificate.certified_box[path] == pytest.approx((centre - half, centre + half))
 
 
 @pytest.mark.slow
-def test_impossible_moments_of_inertia_are_corrected_for_each_combination_by_itself():
+def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop():
     moments = [(0, 0.005, 0.0055), (1, 0.005, 0.0055), (2, 0.0105, 0.0125)]
     overrides = [f"vehicle.inertia.{axis}={{uniform: {{min: {low}, max: {high}}}}}" for axis, low, high in moments]
     hover = UncertainHover(load_scenario("hover", overrides), UserSystems(), lambda count, step: None)
-    # The third moment of inertia of a rigid body is at most the sum of the other two, which are at their upper bounds
-    # here.
+    # The third moment of inertia of a rigid body is at most the sum of the other two. Here, the third moment exceeds
+    # this sum. The other two are at their upper bounds, so only the third one can be corrected.
     z = np.array([[0.9], [1.4]]) * np.ones(3)
     together = hover.radii(z, np.zeros(2, dtype=int), "test")
     alone = [hover.radii(row[np.newaxis], np.zeros(1, dtype=int), "test")[0] for row in z]
@@ -105,9 +105,9 @@ def test_the_scale_of_a_single_parameter_agrees_with_a_bisection():
 
 
 @pytest.mark.long
-def test_loops_without_an_equilibrium_are_not_unstable():
-    # The commanded thrust is 0.3 to 1.8 times the nominal weight. At scale 2.33 the vehicle is lighter, and all loops
-    # with an equilibrium are stable.
+def test_loops_without_an_equilibrium_do_not_count_as_unstable():
+    # The commanded thrust is 0.3 to 1.8 times the nominal weight. From scale 0.7 / 0.3 = 2.33 on, the range of the mass
+    # contains vehicles that weigh less than the smallest thrust. Below this scale, all loops are stable.
     overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in CENTRES.items()]
     found = certify_hover(load_scenario("hover", overrides))
     assert found.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
@@ -123,13 +123,13 @@ def test_a_certificate_depends_only_on_the_seed():
 
 
 @pytest.mark.long
-def test_a_loop_that_is_unstable_at_the_centre_has_no_stable_scale():
+def test_no_scale_is_certified_if_the_loop_is_unstable_at_the_centre_of_the_ranges():
     found = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
     assert found.stable_scale == found.unstable.scale == found.gap == 0.0
     assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 
-def test_parameters_that_do_not_act_on_hover_are_left_out():
+def test_parameters_that_do_not_affect_hover_are_left_out_of_the_certificate():
     ranges, choices, left_out = parameters_in_hover(load_scenario("robustness"))
     assert [each.path for each in ranges if "inertia" in each.path] == [f"vehicle.inertia.{i}" for i in range(3)]
     assert [each.path for each in choices] == [
@@ -153,7 +153,7 @@ def test_scaled_parameters_are_recovered_from_their_values(limits):
     assert each.scaled(each.at(z)) == pytest.approx(z)
 
 
-def test_a_scenario_without_a_range_that_acts_on_hover_is_refused():
+def test_a_scenario_in_which_no_distribution_with_a_range_affects_hover_is_refused():
     with pytest.raises(InputError, match="no distribution with a range in hover acts on hover"):
         certify_hover(load_scenario("hover", ["laboratory.command_link.delay_ticks={choice: [1, 2]}"]))
 

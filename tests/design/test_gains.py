@@ -176,7 +176,8 @@ def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_f
     assert design.bandwidth is None
     cost = [family.cost(pitch, design.gains, effort) / family.min_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
-    # At the smallest and the largest effort, the cost also exceeds the cost of full state feedback.
+    # Not only for this design, but also for the smallest and the largest effort, the cost is higher than the cost of
+    # full state feedback.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
@@ -211,7 +212,7 @@ ASYMMETRIC_VEHICLE = [
 
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
-def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
+def test_poles_of_designed_loops_are_poles_of_the_whole_diagram(shipped, overrides):
     """The poles of the designed inner and outer loops are also poles of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(nominal_hover(scenario))
@@ -404,8 +405,8 @@ def test_the_search_includes_bandwidths_up_to_a_third_of_half_the_sampling_rate(
     np.testing.assert_allclose(efforts[1:] / efforts[:-1], efforts[1] / efforts[0])
 
 
-def test_a_design_whose_largest_effort_meets_all_requirements_has_no_limits():
-    """Even the fastest gains of the search meet these requirements for a double integrator without delay."""
+def test_no_requirement_is_reported_as_limit_if_the_largest_bandwidth_meets_all_requirements():
+    """A double integrator without delay meets these weak requirements even with the largest bandwidth that is tried."""
     design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
     assert (design.axis, design.limits) == ("x", ())
     assert design.bandwidth == pytest.approx(np.pi / 0.06)
@@ -413,7 +414,7 @@ def test_a_design_whose_largest_effort_meets_all_requirements_has_no_limits():
 
 
 @pytest.mark.slow
-def test_the_largest_effort_is_found_to_a_thousandth(pitch):
+def test_the_largest_bandwidth_is_found_to_a_thousandth(pitch):
     """The search bisects between two bandwidths that differ by 6 %."""
     requirements = Requirements(phase=50.0, gain=6.0)
     bandwidth = design_loop(pitch, PolePair(0.8), requirements, axis="pitch").bandwidth
@@ -432,7 +433,7 @@ def with_slow_mode(decay):
 
 
 @pytest.mark.parametrize(("decay", "is_refused"), [(1.57, False), (1.56, True)])
-def test_the_pole_pair_must_be_the_slowest_within_two_percent(decay, is_refused):
+def test_a_pole_that_is_more_than_two_percent_slower_than_the_pole_pair_is_refused(decay, is_refused):
     """The pole pair decays at ω ζ = 1.6 1/s."""
     plant, no_requirements = with_slow_mode(decay), Requirements(0.0, 0.0, 0.0)
     if is_refused:
@@ -525,7 +526,7 @@ def test_axes_with_equal_plants_have_equal_gains():
     assert [loop.axis for loop in loops.values()] == list(loops)
     assert loops["pitch"].bandwidth == 2.0
     assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
-    # Position loops around different attitude loops have different gains.
+    # If the attitude loops of two axes differ, the gains of the position loops around them differ as well.
     assert loops["x"].gains != loops["y"].gains
 
 
@@ -539,8 +540,12 @@ class ListedFamily(ProportionalFamily):
         return self.listed[round(effort) - 1]
 
 
-def test_unstable_gains_are_never_reported_as_the_closest():
-    """The second gains are unstable, and the third contain a NaN. Their margins alone would be sufficient."""
+def test_a_message_without_acceptable_gains_describes_stable_gains():
+    """The message describes the gains that are closest to meeting the requirements.
+
+    Only the first gains of the family are stable, although they have the smallest margins. The second gains are
+    unstable, and the third contain a NaN.
+    """
     family = ListedFamily(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
     phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
     with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
@@ -577,7 +582,7 @@ def test_the_gains_of_a_regulator_are_found_to_four_digits():
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=5e-5)
 
 
-def test_the_derivatives_of_the_regulator_s_cost_match_differences(pitch, monkeypatch):
+def test_the_derivatives_of_the_regulator_s_cost_match_finite_differences(pitch, monkeypatch):
     found = []
 
     def compare(function, start, **options):
@@ -592,7 +597,7 @@ def test_the_derivatives_of_the_regulator_s_cost_match_differences(pitch, monkey
     assert found == [True]
 
 
-def test_the_search_for_a_regulator_returns_from_unstable_gains():
+def test_the_search_for_a_regulator_finds_the_minimum_after_a_step_to_unstable_gains():
     """The delay is so long that the first step of the search leads to unstable gains."""
     plant, family = delayed_integrator(8), RegulatorRequirements(0.2)
     gains = family.gains(plant, 1e3)
@@ -601,7 +606,7 @@ def test_the_search_for_a_regulator_returns_from_unstable_gains():
 
 
 class RecordingFamily(ProportionalFamily):
-    """Family of gains that records the efforts which the design tries."""
+    """Family of gains proportional to an effort. The family records all efforts for which a design computes gains."""
 
     def __init__(self, k_p, k_d):
         super().__init__(k_p, k_d)
@@ -615,7 +620,7 @@ class RecordingFamily(ProportionalFamily):
         return np.array([1.0, 90.0, 110.0, 120.0])
 
 
-def test_efforts_beyond_the_first_unacceptable_effort_are_not_tried():
+def test_a_design_tries_no_larger_gains_after_the_first_unstable_gains():
     """The loop is unstable if k_D is above about 100 1/s."""
     family = RecordingFamily(0.01, 1.0)
     design = design_loop(double_integrator(), family, Requirements(0.0, 0.0, 0.0), axis="x")
@@ -639,7 +644,7 @@ def pid_design():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
-def test_poles_of_a_designed_pid_agree_with_the_whole_diagram(integration, pid_design):
+def test_poles_of_loops_with_a_designed_pid_are_poles_of_the_whole_diagram(integration, pid_design):
     """The poles of the designed loops are also poles of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     diagram_poles = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()
@@ -671,22 +676,22 @@ def test_an_integral_costs_at_most_the_given_fraction_of_the_phase_margin(pid_de
 
 
 @pytest.mark.slow
-def test_an_integral_costs_the_given_fraction_of_a_larger_phase_margin(pid_design):
-    """A slower PD has a phase margin above 45°, and the integral costs the given fraction of it."""
+def test_an_integral_reduces_a_phase_margin_by_the_given_fraction_but_not_below_the_required_margin(pid_design):
+    """A slow PD has a phase margin of more than 55°, of which the integral may cost 5 %."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
     slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
     assert slow.margins.phase > 55.0
     phase = add_integral(slow, Requirements(), cost=0.05).margins.phase
     assert 0.95 * slow.margins.phase - 0.02 <= phase < 0.96 * slow.margins.phase
-    # The loop meets its requirements even if half of the phase margin may be spent on the integral.
+    # If the integral may cost half of the phase margin, it costs less, so that the required margin remains.
     required = slow.margins.phase - 1.0
     phase = add_integral(slow, Requirements(phase=required), cost=0.5).margins.phase
     assert required - 0.02 <= phase < required + 0.2
 
 
 @pytest.mark.slow
-def test_an_integral_without_requirements_leaves_the_loop_stable(pid_design):
+def test_an_integral_leaves_the_loop_stable_even_if_hardly_any_margins_are_required(pid_design):
     """In a weakly damped loop, an integral that is 5 % larger than the designed one causes growing oscillations."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")

@@ -56,7 +56,7 @@ def timing_of(scenario):
 
 @pytest.fixture(scope="module")
 def low_wind(diagrams):
-    """Return a scenario with a shipped design for the default limits, and its disturbances and noise."""
+    """Return a scenario with a controller that is designed for the default limits, and the scenario's `Conditions`."""
     scenario = load_scenario(
         f"{diagrams}/laboratory.yaml:low_wind", layers=[f"{diagrams}/controllers/lqg.yaml:lqg_low_wind"]
     )
@@ -177,7 +177,8 @@ def test_considered_plants_span_the_distributions_or_the_assumed_uncertainty(dia
 
 def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagrams, low_wind):
     _, conditions = low_wind
-    # When the shipped controller was designed, flights had a deviation of 0.205 m/s² and a time constant of 0.6 s.
+    # When the shipped controller was designed, the disturbing acceleration in flights had a standard deviation of
+    # 0.205 m/s² and a time constant of 0.6 s.
     assert conditions.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
@@ -188,8 +189,8 @@ def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagra
     assert 5.0 < bad_day.bias < 14.0
 
 
-def test_a_vehicle_with_an_identified_attitude_response_is_designed_for_the_smallest_bias(diagrams):
-    """A design assumes the same bias as in a calm and ideal laboratory, the smallest one."""
+def test_the_smallest_bias_is_assumed_for_a_vehicle_with_an_identified_attitude_response(diagrams):
+    """The bias is a constant disturbance of the angular motion. Its smallest value applies in an ideal laboratory."""
     identified = flight_conditions(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
     )
@@ -199,8 +200,11 @@ def test_a_vehicle_with_an_identified_attitude_response_is_designed_for_the_smal
 
 
 @pytest.mark.slow
-def test_the_snap_limit_is_at_least_twice_the_constant_torque():
-    """An offset r causes the angular acceleration m g r / I, which is five times larger on a Crazyflie."""
+def test_the_snap_limit_allows_twice_the_torque_that_balances_an_offset_centre_of_mass():
+    """An offset r of the centre of mass causes the angular acceleration m g r / I, and therefore the snap m g² r / I.
+
+    This snap is five times larger for the Crazyflie.
+    """
     limits, constant_snap, limit_of = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
@@ -214,7 +218,7 @@ def test_the_snap_limit_is_at_least_twice_the_constant_torque():
     assert limit_of["bad_day:crazyflie"] > 1.8 * constant_snap["bad_day:crazyflie"] > limits.snap
 
 
-def test_candidate_delays_are_the_plants_mean_delay_rounded_to_nearest_and_up(diagrams):
+def test_the_mean_delay_of_the_plants_is_rounded_to_the_nearest_and_to_the_next_larger_tick(diagrams):
     # Frames are at most 10 ms late and commands 1 to 3 ticks of 20 ms, so the mean delay of the plants is 2.3 ticks.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
     assert candidate_timings(bad_day, considered_plants(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
@@ -238,10 +242,13 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 @pytest.mark.long
 @pytest.mark.parametrize("best_delay", [1, 2])
 @pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
-def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_axis(
+def test_a_design_assumes_the_delay_with_the_smallest_cost_and_limits_the_command_of_each_axis(
     low_wind, diagrams, monkeypatch, name, best_delay
 ):
-    """The command is an acceleration along z, and along all axes with an autopilot. It is a snap otherwise."""
+    """The command along x and y is an acceleration for an autopilot, and a snap otherwise.
+
+    The command along z is an acceleration.
+    """
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
     stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
@@ -266,14 +273,15 @@ def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_
 
 @pytest.mark.long
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
-    """The whole loop observes the limits, although the axis models do not include the tilt due to drag."""
+    """The exact loop satisfies the limits, although the axis models do not include the tilt due to drag."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
     design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
-    # The vertical estimate affects the commanded tilt through the thrust, so the design does not assume a larger
-    # vertical disturbance than in flights.
+    # The commanded tilt depends on the estimated disturbance along z. A design could reduce the height error by
+    # assuming a larger disturbance, but the tilt would become noisier. The design therefore assumes the disturbance of
+    # flights.
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
@@ -309,7 +317,7 @@ def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags,
 
 @pytest.fixture(scope="module")
 def search_of(shipped):
-    """Return a function that creates a search for the parameters along x, given link delays (ticks) of plants."""
+    """Return a function that creates a search along x for plants with given link delays, in ticks."""
     scenario = shipped()
     timing, control = timing_of(scenario), scenario.control
     loop = control.lateral.loop(timing, scenario.nominal.gravity)
@@ -328,7 +336,7 @@ def search_of(shipped):
     return make
 
 
-def test_the_cost_within_the_limits_is_the_logarithm_of_the_error_over_all_plants(search_of):
+def test_the_cost_within_the_limits_is_the_logarithm_of_the_rms_error_over_all_plants(search_of):
     search = search_of(1, 2)
     _, (first, second) = search.result()
     cost = search.cost_of(np.zeros(1))
@@ -386,11 +394,8 @@ def test_a_search_finds_the_minimum_cost_for_any_initial_weight(search_of, initi
     assert (result.actual_plants, result.timing) == (start.actual_plants, start.timing)
 
 
-def test_limits_are_tightened_until_the_whole_loop_meets_them(search_of):
-    """A limit is tightened by slightly more than the loop exceeds it.
-
-    A signal without feedback does not change any limit.
-    """
+def test_a_limit_is_tightened_by_slightly_more_than_the_exact_loop_violates_it(search_of):
+    """Margins of None belong to a command signal without feedback, which does not change any limit."""
     limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 

@@ -94,7 +94,10 @@ def test_the_gains_with_the_smallest_error_within_a_limit_are_found(laboratory, 
 
 
 def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
-    """`margin_ratios` returns a single zero for an unstable loop, and two ratios for a stable loop."""
+    """`margin_ratios` is discontinuous at k_P = 3.
+
+    It returns a single zero for the unstable loops above 3, and two ratios for the stable loops below.
+    """
     stub_flights(quadratic_error)
 
     def fractions(scenario):
@@ -119,7 +122,7 @@ def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
 
 
 @pytest.mark.parametrize("fractions", [None, lambda _: np.array([9.0])])
-def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, fractions):
+def test_the_rounds_of_a_search_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, fractions):
     """The mean of the candidates moves to the best parameters, and their spread decreases from round to round.
 
     A limit that no candidate violates has no influence.
@@ -133,7 +136,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
     assert (points[:, 0] >= 0.5 * (1 - 1e-12)).all()
     assert (points[:, 0] <= 12.0 * (1 + 1e-12)).all()
     np.testing.assert_array_equal([each[K_P_PARAMETER.paths[1]] for each in rounds], points[:, 0])
-    # The first candidates fill the box evenly.
+    # The first candidates are evenly distributed over the ranges of both parameters.
     first = np.log(points[0] / [[0.5], [0.5]]) / np.log([[12.0 / 0.5], [8.0 / 0.5]])
     assert np.histogram2d(*first, bins=4, range=[[0, 1], [0, 1]])[0].min() == 4
     distance = np.abs(np.log(points.mean(axis=2) / [4.0, 2.0])).max(axis=1)
@@ -143,7 +146,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
     assert 0.005 < spread[-1] < 0.2 * spread[0]
 
 
-def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
+def test_the_rounds_of_a_search_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
     """The limit is k_P ≤ 2. Candidates of the last round meet it, although larger k_P have a smaller error."""
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
@@ -165,8 +168,8 @@ def test_each_round_simulates_the_given_number_of_candidates(laboratory, stub_fl
     assert [len(each[K_P_PARAMETER.paths[0]]) for each in record["varying"][:2]] == [12, 12]
 
 
-def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, monkeypatch):
-    """The first step is less than a quarter of the box."""
+def test_each_local_search_starts_with_a_smaller_step_than_the_one_before(laboratory, stub_flights, monkeypatch):
+    """The first step is less than a quarter of the width of a parameter's range, which is 1."""
     stub_flights(quadratic_error)
     radii, minimize = [], tuning.scipy.optimize.minimize
 
@@ -180,8 +183,11 @@ def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, 
     assert 0.25 > radii[0] > radii[1] > radii[2] > 0.0
 
 
-def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, stub_flights):
-    """Errors are means over samples and laboratories. The samples are divided among the laboratories."""
+def test_each_candidate_flies_the_same_samples_in_every_laboratory(laboratory, stub_flights):
+    """The error of a candidate is the mean over samples and laboratories.
+
+    The budget is the total number of flights, so two laboratories have half as many samples each.
+    """
     other = laboratory.model_copy(update={"name": "other"})
 
     def error(numbers, sample, scenario):
@@ -210,8 +216,8 @@ def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flight
     assert result.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
-def test_only_crashes_count_in_flights_with_late_camera_frames(laboratory, stub_flights):
-    """The extra latency of 30 ms is three frames. Flights with this latency crash only in the second laboratory."""
+def test_flights_with_extra_latency_add_only_their_crashes_to_the_error(laboratory, stub_flights):
+    """The extra latency of 30 ms is three camera frames. Flights with it crash in one of the two laboratories."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
@@ -273,7 +279,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
 
 
 def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, stub_flights):
-    """Previous gains compete although no drawn candidate is near them. Gains out of range are clipped."""
+    """The earlier gains are better than all drawn candidates. Earlier gains outside of the range are clipped."""
     stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
     assert tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=budget).error == 1.0
@@ -292,7 +298,7 @@ def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, st
     assert tune([laboratory], [K_P_PARAMETER], fractions, budget=budget, before=(6.789,)).error == 1.0
 
 
-def test_candidates_rank_by_error_within_the_limit_and_by_limit_ratio_beyond_it():
+def test_candidates_within_the_limit_rank_by_error_and_candidates_beyond_it_by_margin_ratio():
     tuned = [
         tuning.TuningResult((), error, fraction)
         for error, fraction in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
@@ -304,7 +310,10 @@ def test_candidates_rank_by_error_within_the_limit_and_by_limit_ratio_beyond_it(
 
 
 def test_predicted_violations_of_the_limit_are_penalised():
-    """The logarithms of the ratios are linear functions, so predictions are exact and penalties have a closed form."""
+    """The logarithms of the margin ratios are linear functions of the parameters.
+
+    The predicted ratios are therefore exact, and the penalties have a closed form.
+    """
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
     known = tuning._EvaluatedPoints(2)
@@ -327,7 +336,7 @@ def test_predicted_violations_of_the_limit_are_penalised():
 
 
 def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_flights):
-    """Flights crash from 40 ms on, in one of two laboratories and one of its four training samples."""
+    """The only flight that crashes, from 40 ms on, is one of the four training samples in one of two laboratories."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
@@ -344,8 +353,8 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_fli
     assert tolerated_delay([laboratory], 0.1, budget=budget) == 0.0
 
 
-def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, stub_flights, monkeypatch):
-    """The assumed prediction error falls in equal steps. In the last round it is one step from zero."""
+def test_the_assumed_error_of_predicted_margin_ratios_decreases_in_each_round(laboratory, stub_flights, monkeypatch):
+    """The assumed error decreases in equal steps. In the last round of the search it is one step from zero."""
     stub_flights(quadratic_error)
     doubts = []
     monkeypatch.setattr(
@@ -357,7 +366,7 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
     assert doubts[1::2] == doubts[::2]
 
 
-def test_in_two_dimensions_the_limit_is_predicted_from_four_or_more_points():
+def test_with_two_parameters_margin_ratios_are_predicted_from_four_or_more_points():
     known = tuning._EvaluatedPoints(2)
     candidate = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):

@@ -57,8 +57,8 @@ def test_derivatives_match_differences_of_whole_flights(windy):
 
 
 @pytest.mark.long
-def test_fields_that_the_vehicle_does_not_set_change_with_nominal():
-    """As with `--set nominal.mass`, the actual value changes too unless the scenario sets the vehicle's value."""
+def test_the_derivative_for_a_nominal_value_includes_the_vehicle_s_value_unless_the_scenario_sets_it():
+    """`--set nominal.mass` also changes `vehicle.mass`, unless the scenario sets `vehicle.mass`."""
     path = ROOT / "diagrams" / "figure_eight.yaml"
     for overrides in ([], ["vehicle.mass=0.68"]):
         scenario = load_scenario(path, ["duration=2", *overrides])
@@ -115,7 +115,7 @@ def test_derivatives_include_the_learning_of_a_network(windy):
     ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
 )
 def test_a_parameter_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
-    """A parameter at its minimum is increased, and a parameter at its maximum decreased."""
+    """The differences increase a parameter at its minimum, and decrease a parameter at its maximum."""
     scenario = asymmetric("pd_t2fnn", "duration=1", f"{field}={bound}", "metrics.start=0")
     sensitivities = flight_sensitivities(scenario, [field])
     with pytest.raises(InputError, match=f"{field} cannot be"):
@@ -143,7 +143,7 @@ def test_a_parameter_at_its_bound_is_varied_to_one_side(asymmetric, field, bound
     ],
 )
 def test_fields_without_a_derivative_are_refused(field, words):
-    """Some of the fields belong to effects that the diagram leaves out at zero."""
+    """Some of the fields are zero, so that the diagram does not contain the system that reads them."""
     no_wind = [
         "laboratory.wind=[{kind: steady, velocity: [0, 0, 0]}]",
         "laboratory.motion_capture.derivative_bandwidth=80",
@@ -170,7 +170,7 @@ def test_an_empty_list_of_fields_is_refused():
 
 
 @pytest.mark.long
-def test_the_default_sample_is_the_sample_of_the_scenario(windy):
+def test_the_default_sample_is_the_field_sample_of_the_scenario(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     sensitivities = flight_sensitivities(named, ["vehicle.mass"])
     assert sensitivities.fields == ("vehicle.mass",)
@@ -207,8 +207,8 @@ def test_a_field_that_can_neither_increase_nor_decrease_is_refused_with_the_reas
         flight_sensitivities(scenario, ["laboratory.command_link.period"])
 
 
-def test_metrics_without_derivatives_and_requirements_do_not_affect_other_derivatives():
-    """A requirement after the end of the flight has no robustness."""
+def test_requirements_and_metrics_without_derivatives_do_not_affect_other_derivatives():
+    """The requirement `late` begins after the end of the flight, so it has no robustness."""
     near = {"signal": "position_error", "below": 0.1}
     plain = {"duration": 0.2, "initial.position": [0.02, 0.0, 0.0]}
     extended = {
@@ -247,7 +247,7 @@ def test_fields_that_determine_the_time_of_an_event_have_no_derivative(field):
 def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
     """Differences are central or one-sided.
 
-    The weights sum to zero, which determines the weight of the value itself.
+    `weights` omits the weight of the undisturbed value, which follows from the sum of all weights, zero.
     """
     for power in range(1, 5):
         assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))

@@ -24,8 +24,11 @@ K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p
 K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
-def stiffness_limit(max_k_p):
-    """Return a function like `LoopLimit.margin_ratios`: the ratio of a limit on k_P to the scenario's k_P."""
+def k_p_limit(max_k_p):
+    """Return a function that replaces `LoopLimit.margin_ratios`, so that the limit is `max_k_p`.
+
+    The function returns the ratio of `max_k_p` to k_P in the scenario.
+    """
     return lambda scenario: np.array([max_k_p / scenario.control.position.k_p[0]])
 
 
@@ -37,7 +40,7 @@ def laboratory(diagrams):
 @pytest.mark.long
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
-    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(2.0), budget=budget)
+    result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(2.0), budget=budget)
     assert result.min_margin_ratio >= 1.0
     metrics = fly_samples(with_parameter_values(laboratory, [K_P_PARAMETER, K_D_PARAMETER], result.values), range(2))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
@@ -54,7 +57,7 @@ def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laborator
     result = tune(
         [laboratory],
         [K_P_PARAMETER],
-        stiffness_limit(0.25),
+        k_p_limit(0.25),
         budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
     )
     assert result.values[0] == pytest.approx(0.5, rel=0.1)
@@ -83,11 +86,9 @@ def test_limits_apply_to_the_medians_of_distributions():
 @pytest.mark.long
 def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
-    alone = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(12.0), budget=budget)
-    thorough = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
-    again = tune(
-        [laboratory], [K_P_PARAMETER, K_D_PARAMETER], stiffness_limit(12.0), budget=budget, before=thorough.values
-    )
+    alone = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(12.0), budget=budget)
+    thorough = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
+    again = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(12.0), budget=budget, before=thorough.values)
     assert again.error <= thorough.error + 1e-9 < alone.error
 
 
@@ -117,7 +118,7 @@ def test_extra_latency_is_added_to_the_latency_of_the_scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def narrow(diagrams):
-    """Return a loop with a delay margin of 53 ms in a narrow corridor."""
+    """Return a scenario that crashes at a position error of 0.1 m, with a delay margin of 53 ms."""
     layers = [diagrams / "controllers" / "designed" / "priced.yaml:indi@3"]
     overrides = ["duration=3", "crash.position_error=0.1"]
     return load_scenario(diagrams / "laboratory.yaml:low_wind", overrides, layers=layers)

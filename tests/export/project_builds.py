@@ -84,7 +84,7 @@ def library_of(project, stub, driver, **options):
 
 
 def call(library, seconds, inputs):
-    """Return the command of a project at a time, given the inputs of its driver."""
+    """Return the command of a controller in a project at a time (s), given the inputs of the driver's `step`."""
     inputs, command = np.array(inputs, dtype=float), np.zeros(8)
     pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs, command))
     library.step(ctypes.c_uint64(round(1e6 * seconds)), *pointers)
@@ -92,10 +92,10 @@ def call(library, seconds, inputs):
 
 
 class Platform(LeafSystem):
-    """Project in the loop: signals are converted to the inputs of the project's platform, which calls the project.
+    """Controller that runs in a project. A driver, which replaces the project's platform, calls the project.
 
     Args:
-        library: library with the function `step`.
+        library: library of the project and the driver, with the driver's function `step`.
         period: period of the controller, s.
         encode: function that returns the inputs of `step`, given the measured state, the reference and its jerk.
         decode: function that returns the command of the controller, given that of `step`.
@@ -116,18 +116,18 @@ class Platform(LeafSystem):
         if step == self._steps:  # Drake evaluates the output once for each step
             self._steps += 1
             signals = [self.get_input_port(i).Eval(context) for i in range(3)]
-            # The platforms begin at a later time than zero.
+            # The clock of a platform does not show zero at the first step of the controller.
             self._command = call(self._library, 1.0 + self._period * step, self._encode(*signals))
         output.SetFromVector(self._decode(self._command))
 
 
-def assert_flies_as_exported(scenario, folder, system, *, unavailable=()):
-    """Assert that a project flies as the exported code.
+def assert_flight_as_exported(scenario, folder, system, *, unavailable=()):
+    """Assert that a flight with a project equals a flight with the exported code alone.
 
     Args:
         scenario: scenario from which the code was exported.
         folder: folder with the exported code.
-        system: project in the loop.
+        system: `Platform` with the project.
         unavailable: components of the command that the platform cannot send, which are zero.
     """
 
@@ -145,7 +145,7 @@ def assert_flies_as_exported(scenario, folder, system, *, unavailable=()):
 
 
 def random_signals(seed, description):
-    """Yield measured state, reference, its jerk, and the same numbers as inputs of exported code; angles are large."""
+    """Yield random signals with large angles: measured state, reference, its jerk, and all of them as one array."""
     rng = np.random.default_rng(seed)
     for _ in range(8):
         signals = {"measurement": rng.normal(size=12), "reference": rng.normal(size=11)}
@@ -156,7 +156,7 @@ def random_signals(seed, description):
 
 
 def assert_commands_as_exported(folder, library, encode, decode, *, unavailable=()):
-    """Assert that a project commands what the exported code commands, at large random inputs.
+    """Assert that a project and the exported code compute the same commands from large random inputs.
 
     Args:
         folder: folder with the exported code.

@@ -38,7 +38,7 @@ def asymmetric(name):
 @needs_compiler
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn", "lqg", "lqg_on_board"])
-def test_double_precision_equals_the_simulation_bit_for_bit(name, tmp_path):
+def test_code_in_double_precision_equals_the_simulation_bit_for_bit(name, tmp_path):
     expected, found = commands(asymmetric(name), tmp_path)
     assert (bits(found) == bits(expected)).all()
     assert np.ptp(found, axis=0).any()
@@ -46,7 +46,7 @@ def test_double_precision_equals_the_simulation_bit_for_bit(name, tmp_path):
 
 @needs_compiler
 @pytest.mark.slow
-def test_random_controllers_equal_the_simulation_bit_for_bit(tmp_path):
+def test_code_of_random_controllers_equals_the_simulation_bit_for_bit(tmp_path):
     rng, hover = np.random.default_rng(71), load_scenario("hover").route
     for number, structure in enumerate(structures(rng, CASES)):
         scenario = draw_sample(scenario_of(structure, rng, tmp_path, duration=1.0), 0)
@@ -58,7 +58,7 @@ def test_random_controllers_equal_the_simulation_bit_for_bit(tmp_path):
 
 @needs_compiler
 @pytest.mark.long
-def test_a_trained_policy_equals_the_simulation_bit_for_bit(tmp_path):
+def test_code_of_a_trained_policy_equals_the_simulation_bit_for_bit(tmp_path):
     scenario = load_scenario("hover", layers=["controllers/raptor:raptor"])
     expected, found = commands(scenario, tmp_path, num_steps=10)
     assert (bits(found) == bits(expected)).all()
@@ -68,7 +68,7 @@ def test_a_trained_policy_equals_the_simulation_bit_for_bit(tmp_path):
 
 @needs_compiler
 @pytest.mark.long
-def test_single_precision_differs_only_by_rounding_errors(tmp_path):
+def test_code_in_single_precision_differs_from_the_simulation_only_by_rounding_errors(tmp_path):
     expected, found = commands(asymmetric("lqg"), tmp_path, precision="single")
     largest = np.abs(expected).max(axis=0)
     assert (np.abs(found - expected) < 1e-5 * largest).all()
@@ -96,7 +96,7 @@ def test_commands_do_not_depend_on_the_compiler_and_its_options(compiler, level,
 
 @needs_compiler
 @pytest.mark.long
-def test_a_flight_of_the_code_is_the_flight_of_the_controller(tmp_path):
+def test_a_flight_with_exported_code_equals_a_flight_with_the_controller(tmp_path):
     scenario = load_scenario("laboratory:nominal", ["duration=0.6", "metrics={start: 0, end: null}"])
     scenario = scenario.model_copy(update={"control": asymmetric("lqg").control})
     export_controller(scenario, tmp_path)
@@ -164,7 +164,7 @@ def test_parameters_can_be_changed_between_steps(tmp_path):
 
 
 @pytest.mark.long
-def test_code_has_neither_allocation_nor_global_variables(tmp_path):
+def test_exported_code_allocates_no_memory_and_has_no_global_variables(tmp_path):
     export_controller(asymmetric("pd_t2fnn"), tmp_path)
     source = (tmp_path / "controller.c").read_text()
     assert "alloc" not in source
@@ -190,7 +190,7 @@ def test_a_controller_without_formulas_is_refused_with_the_reason(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_random_gain_is_refused(tmp_path):
+def test_a_scenario_with_a_random_gain_is_refused(tmp_path):
     scenario = load_scenario("hover", ["control.position.k_p=[6, 6, {uniform: {min: 5, max: 7}}]"])
     with pytest.raises(
         InputError, match=r"control\.position\.k_p.* is a distribution, but exported code contains a number"

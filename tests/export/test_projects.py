@@ -13,7 +13,7 @@ from project_builds import (
     SINGLE_ONLY,
     Platform,
     assert_commands_as_exported,
-    assert_flies_as_exported,
+    assert_flight_as_exported,
     call,
     library_of,
     needs_compilers,
@@ -32,13 +32,14 @@ from drake_quad.exported.machines import CROSS_COMPILER, HostMachine
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.vehicle.px4_units import torque_units
 
-SHORT = ["duration=1", "metrics={start: 0, end: null}"]
-# No platform provides the snap of the reference.
-WRENCH = ["figure_eight", [*SHORT, "control.position.feed_forward=jerk"]]
-WITHOUT_JERK = ["figure_eight", [*SHORT, "control.position.feed_forward=acceleration"]]
-LQG = ["laboratory:nominal", SHORT, "controllers/lqg:lqg"]  # a controller with a state
-ATTITUDE = ["onboard", SHORT]
-ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
+ONE_SECOND = ["duration=1", "metrics={start: 0, end: null}"]  # overrides for a flight of one second
+# Scenarios for `exported`: name, overrides and controller. The controllers command a wrench, or an attitude target. The
+# feed-forward does not use the snap of the reference, because no platform provides it.
+WRENCH = ["figure_eight", [*ONE_SECOND, "control.position.feed_forward=jerk"]]
+WRENCH_WITHOUT_JERK = ["figure_eight", [*ONE_SECOND, "control.position.feed_forward=acceleration"]]
+WRENCH_OF_LQG = ["laboratory:nominal", ONE_SECOND, "controllers/lqg:lqg"]  # this controller has a state
+ATTITUDE = ["onboard", ONE_SECOND]
+ATTITUDE_WITHOUT_JERK = ["onboard", [*ONE_SECOND, "control.position.feed_forward=acceleration"]]
 DISABLED, ABSOLUTE, VELOCITY = 0, 1, 2  # modes of the Crazyflie's setpoint
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # signs that convert north-west-up to north-east-down, and back
 HOVER_THRUST = 0.375  # thrust command of PX4 in hover, relative to the largest command
@@ -66,7 +67,7 @@ def crazyflie_inputs(measured, reference, jerk):
 
 @needs_compilers
 @pytest.mark.slow
-def test_the_crazyflie_project_flies_as_the_exported_code(tmp_path):
+def test_a_flight_with_the_crazyflie_project_equals_a_flight_with_the_exported_code(tmp_path):
     scenario, project = exported(tmp_path, "crazyflie", WRENCH)
     library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
     library.start()
@@ -75,7 +76,7 @@ def test_the_crazyflie_project_flies_as_the_exported_code(tmp_path):
     assert_commands_as_exported(tmp_path, library, crazyflie_inputs, lambda command: command[:4])
     library.set_modes(ABSOLUTE, ABSOLUTE, DISABLED)
     system = Platform(library, 0.02, crazyflie_inputs, lambda command: command[:4])
-    assert_flies_as_exported(scenario, tmp_path, system)
+    assert_flight_as_exported(scenario, tmp_path, system)
 
 
 @needs_compilers
@@ -102,7 +103,7 @@ def test_the_crazyflie_project_without_setpoints_holds_the_yaw_and_stops_the_mot
 
 @needs_compilers
 @pytest.mark.slow
-def test_the_crazyflie_project_follows_velocity_setpoints_from_where_it_is(tmp_path):
+def test_the_crazyflie_project_follows_velocity_setpoints_from_its_current_position(tmp_path):
     _, project = exported(tmp_path, "crazyflie", WRENCH)
     library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
     library.start()
@@ -177,7 +178,7 @@ def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
     assert library.offboard_request() == 2, "thrust and torques"
     assert library.has_current_times()
     system = Platform(library, 0.02, px4_inputs, decode)
-    assert_flies_as_exported(scenario, tmp_path, system)
+    assert_flight_as_exported(scenario, tmp_path, system)
 
 
 @needs_compilers
@@ -198,13 +199,13 @@ def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
     assert library.offboard_request() == 1, "an attitude"
     assert library.has_current_times()
     system = Platform(library, 0.02, px4_inputs, decode, ("attitude_target", 7))
-    assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5])
+    assert_flight_as_exported(scenario, tmp_path, system, unavailable=[4, 5])
 
 
 @needs_compilers
 @pytest.mark.long
-def test_the_px4_project_commands_only_in_offboard_mode_and_then_starts_anew(tmp_path):
-    _, project = exported(tmp_path, "px4", LQG)
+def test_the_px4_project_commands_only_in_offboard_mode_and_resets_its_controller_at_each_engagement(tmp_path):
+    _, project = exported(tmp_path, "px4", WRENCH_OF_LQG)
     library = px4_library(project)
     px4_start(library, 0.01)
     rng = np.random.default_rng(3)
@@ -257,7 +258,7 @@ def test_the_px4_project_ignores_setpoints_that_are_old_or_from_before_offboard_
     measured = [np.array([x, 2.0, 3.0, *[0.0] * 9]) for x in (1.0, 1.5)]
     at_rest = [px4_inputs(each, np.array([*each[:3], *[0.0] * 8]), np.zeros(3)) for each in measured]
     elsewhere = [px4_inputs(each, rest, np.zeros(3)) for each in measured]
-    library.set_setpoint_age(ctypes.c_uint64(10_000))  # the setpoint is older than offboard mode
+    library.set_setpoint_age(ctypes.c_uint64(10_000))  # µs; the setpoint arrived before offboard mode was engaged
     held = call(library, 1.0, elsewhere[0])
     library.set_setpoint_age(ctypes.c_uint64(0))
     np.testing.assert_allclose(call(library, 1.02, at_rest[0]), held, rtol=1e-6)
@@ -316,11 +317,11 @@ def ros2_inputs(measured, reference, jerk):
 @pytest.mark.long
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_the_ros2_project_commands_the_wrench_of_the_exported_code(precision, tmp_path):
-    scenario, project = exported(tmp_path, "ros2", WITHOUT_JERK, precision)
+    scenario, project = exported(tmp_path, "ros2", WRENCH_WITHOUT_JERK, precision)
     library = ros2_library(project)
     assert_commands_as_exported(tmp_path, library, ros2_inputs, lambda command: command[:4])
     system = Platform(library, 0.02, ros2_inputs, lambda command: command[:4])
-    assert_flies_as_exported(scenario, tmp_path, system)
+    assert_flight_as_exported(scenario, tmp_path, system)
 
 
 @needs_compilers
@@ -335,13 +336,13 @@ def test_the_ros2_project_commands_the_attitude_of_the_exported_code(tmp_path):
     library = ros2_library(project, 1)
     assert_commands_as_exported(tmp_path, library, ros2_inputs, decode, unavailable=[4, 5, 6])
     system = Platform(library, 0.02, ros2_inputs, decode, ("attitude_target", 7))
-    assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5, 6])
+    assert_flight_as_exported(scenario, tmp_path, system, unavailable=[4, 5, 6])
 
 
 @needs_compilers
 @pytest.mark.long
 def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
-    _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
+    _, project = exported(tmp_path, "ros2", WRENCH_WITHOUT_JERK)
     library = ros2_library(project)
     library.tick(ctypes.c_uint64(0))
     assert library.num_commands() == 0
@@ -358,7 +359,7 @@ def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
 @needs_compilers
 @pytest.mark.long
 def test_the_ros2_project_holds_its_first_position_until_a_reference_arrives(tmp_path):
-    _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
+    _, project = exported(tmp_path, "ros2", WRENCH_WITHOUT_JERK)
     library = ros2_library(project)
     first, later = (np.array([*place, 0.2, 0.1, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0]) for place in np.eye(3)[:2])
     place, held = np.array([*first[:3], *[0.0] * 6, first[5], 0.0]), np.zeros(8)
@@ -373,7 +374,7 @@ def test_the_ros2_project_holds_its_first_position_until_a_reference_arrives(tmp
 @needs_compilers
 @pytest.mark.slow
 def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
-    scenario, project = exported(tmp_path, "python", ["figure_eight", SHORT], "double")
+    scenario, project = exported(tmp_path, "python", ["figure_eight", ONE_SECOND], "double")
     subprocess.run(["make", "--silent"], cwd=project, check=True)
     mine = module_of(project / "mine.py")
     controller, inputs = mine.Controller(), mine.Inputs()
@@ -408,7 +409,7 @@ def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
 @needs_compilers
 @pytest.mark.slow
 def test_the_python_project_evaluates_the_reference_and_accepts_new_parameters(tmp_path):
-    scenario, project = exported(tmp_path, "python", ["figure_eight", SHORT], "double", reference=True)
+    scenario, project = exported(tmp_path, "python", ["figure_eight", ONE_SECOND], "double", reference=True)
     subprocess.run(["make", "--silent"], cwd=project, check=True)
     mine = module_of(project / "mine.py")
     first, second, inputs = mine.Controller(), mine.Controller(), mine.Inputs()
@@ -430,7 +431,7 @@ def test_the_arduino_project_calls_the_controller_at_its_period(tmp_path):
     )
     description, machine = read_description(tmp_path), HostMachine(tmp_path)
     state = HostMachine.initial_state(tmp_path, description)
-    rng, begin = np.random.default_rng(2), 2**32 - 50_000  # the clock overflows
+    rng, begin = np.random.default_rng(2), 2**32 - 50_000  # µs, so that the 32-bit clock overflows after 50 ms
     inputs = rng.normal(size=(6, sum(description.inputs.values()))).astype(np.float32)
     command = np.full(4, np.nan, np.float32)
 
@@ -470,14 +471,14 @@ def hover_code(tmp_path_factory):
     return ExportedCode(export.description, "", "", (), nominal_parameters(scenario), False)
 
 
-FIRMWARE = ["crazyflie", "px4", "arduino"]
+SINGLE_PRECISION_PROJECTS = ["crazyflie", "px4", "arduino"]
 
 
 @pytest.mark.parametrize(
     ("projects", "changes", "message"),
     [
         (["crazyflie"], {"name": "controller"}, "needs another --name than controller, which is a header"),
-        (FIRMWARE, {"precision": "double"}, "needs --precision single"),
+        (SINGLE_PRECISION_PROJECTS, {"precision": "double"}, "needs --precision single"),
         (["crazyflie"], {"outputs": {"attitude_target": 7}}, "commands wrench, not attitude_target"),
         (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),
         (["crazyflie"], {"period": 0.0125}, "a period of whole milliseconds, not 0.0125 s"),
@@ -501,7 +502,8 @@ def test_an_unknown_project_is_refused(hover_code):
         project_files("kite", hover_code)
 
 
-def test_no_file_of_a_project_contains_a_placeholder_or_a_constant_condition(hover_code):
+def test_project_files_contain_no_placeholder_and_no_condition_of_a_template(hover_code):
+    """Templates contain placeholders such as `@NAME@`, also in conditions. No `#if 0` or `#if 1` is left of these."""
     for project in PROJECTS:
         for path, text in project_files(project, hover_code).items():
             assert not re.search("@[A-Z_0-9]+@|#if !?[01]", path + text), (project, path)

@@ -20,7 +20,10 @@ from drake_quad.signals import Acceleration
 
 
 def holds(*periods):
-    """Return a diagram of zero-order holds in series, whose output is the sum of their outputs, the second negated."""
+    """Return a diagram of zero-order holds in series.
+
+    The output of the diagram is the sum of the outputs of all holds, where the second one is negated.
+    """
     builder = DiagramBuilder()
     systems = [builder.AddNamedSystem(f"hold_{i}", ZeroOrderHold(period, 2)) for i, period in enumerate(periods)]
     builder.ExportInput(systems[0].get_input_port(), "command")
@@ -85,7 +88,7 @@ def next_mine_memory(memory: Acceleration) -> Acceleration:
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """System whose formulas have the names of variables in its C code."""
+    """System whose formulas have the same names as two variables in the C code: `mine` and `next_mine_memory`."""
 
     def declare(self) -> None:
         memory = self.state("memory", lambda _: Acceleration(1.0, 0.0, 0.0))
@@ -94,7 +97,7 @@ class Counter(FleetSystem):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_formulas_may_have_the_names_of_variables(tmp_path):
+def test_a_formula_may_have_the_same_name_as_a_variable_in_the_c_code(tmp_path):
     builder = DiagramBuilder()
     builder.AddNamedSystem("mine", Counter())
     builder.ExportOutput(builder.GetSubsystemByName("mine").get_output_port(), "total")

@@ -203,8 +203,8 @@ def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
 
 
 @pytest.mark.long
-def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
-    """Every diagram includes effects that a distribution can make zero, and queues for the longest delay."""
+def test_batches_with_and_without_delays_and_dropouts_fly_in_the_same_diagram(scenario):
+    """The diagram includes effects that are zero in some samples, and queues for the longest delay."""
     study = scenario(
         "laboratory.motion_capture.latency_frames={choice: [0, 2]}",
         "laboratory.command_link.delay_ticks={choice: [0, 2]}",

@@ -42,7 +42,7 @@ def test_a_seed_also_seeds_the_generator_of_the_environment():
     assert envs.np_random.random() == drawn
 
 
-def test_options_without_a_mask_reset_all_vehicles():
+def test_reset_options_without_a_mask_reset_all_vehicles():
     envs = hover(num_envs=2)
     envs.reset(seed=1, options={})
     envs.reset(options={"reset_mask": None})

@@ -97,7 +97,7 @@ def test_a_reward_function_reads_metrics_that_are_requested_by_name():
 
 
 @pytest.mark.usefixtures("user_metrics")
-def test_metrics_of_recorded_flights_are_computed_if_actions_are_recorded():
+def test_a_single_environment_computes_metrics_that_need_a_recorded_flight():
     env = QuadrotorEnv("hover", {"duration": 0.2, "metrics.additional.last_height": {}})
     env.reset(seed=0)
     over = False

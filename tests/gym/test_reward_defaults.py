@@ -32,5 +32,5 @@ def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
     assert has_crashed(step()).tolist() == [False]
 
 
-def test_the_length_of_a_tracking_reward_may_be_below_a_metre():
+def test_a_tracking_reward_accepts_a_length_below_one_metre():
     assert TrackingReward(length=0.01)(step(error=0.01)) == pytest.approx(np.exp(-1.0))

@@ -1,4 +1,4 @@
-"""Comparison of the environment with a single vehicle with the vector environment."""
+"""Tests that `QuadrotorEnv`, the environment with one vehicle, agrees with `QuadrotorVectorEnv`."""
 
 import numpy as np
 import pytest

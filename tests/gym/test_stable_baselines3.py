@@ -81,7 +81,7 @@ def flown_with(policy):
 
 
 def agrees(model, flight):
-    """Return whether a controller commanded the actions of its model for the same observations."""
+    """Return whether the actions in a flight are those that a model predicts for the observations in this flight."""
     observed, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
     expected, _ = model.predict(observed if normal is None else normal.normalize_obs(observed), deterministic=True)
     return np.allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)

@@ -30,7 +30,11 @@ def actions():
 
 
 def fly_flips(time_step):
-    """Return an environment with a time step (s) after the flips, its observations, and its transitions."""
+    """Fly the flips in an environment with a given integration time step (s).
+
+    Returns:
+        The environment, the observations, and the transitions.
+    """
     steps = []
     envs = QuadrotorVectorEnv(
         "figure_eight",
@@ -47,7 +51,7 @@ def fly_flips(time_step):
 
 
 def states(steps, name="state"):
-    """Return the states in transitions, or another signal with the same 12 components, as an array (ticks, N, 12)."""
+    """Return a signal with 12 components from the transitions of a flight, as an array (ticks, N, 12)."""
     return np.array([np.array(step.state if name == "state" else step.signals[name]).T for step in steps])
 
 

@@ -2,7 +2,7 @@
 
 
 def curve(axes, label):
-    """Return the data (2, N) of the curve with a label."""
+    """Return the data (2, N) of the curve that has a given label."""
     (found,) = [line for line in axes.lines if line.get_label() == label]
     return found.get_xydata().T
 

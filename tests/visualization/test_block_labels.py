@@ -59,7 +59,7 @@ def test_a_diagram_of_a_single_system_has_no_separate_drawing(drawn):
 def test_blocks_show_their_name_and_their_class_if_it_differs(drawn):
     nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawn[""], re.MULTILINE))
     assert nodes["s0"] == 'label="sum\\nAdder"'
-    # A diagram with a separate drawing has a second outline.
+    # A block whose inside is shown in another drawing has a double outline.
     assert nodes["s1"] == 'label="motor", peripheries=2, fillcolor="#DCE9F5"'
     assert nodes["s2"] == 'label="wrapper"'
     # A splitter is a bar without a label.

@@ -90,7 +90,7 @@ def test_the_loop_of_a_nyquist_plot_stays_outside_the_disk_and_touches_it(design
         np.testing.assert_allclose([low, high], ends, rtol=1e-3)
         middle, radius = 0.5 * (low + high), 0.5 * (high - low)
         np.testing.assert_allclose(np.hypot(corners[:, 0] - middle, corners[:, 1]), radius, rtol=1e-3)
-        # The loop touches the disk.
+        # The Nyquist curve touches the disk of the disk margin.
         assert np.abs(curve - middle).min() == pytest.approx(radius, rel=0.02)
         assert axes.lines[2].get_xydata().tolist() == [[-1.0, 0.0]]
 
@@ -254,7 +254,7 @@ def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
     assert scipy.spatial.distance.pdist(positions).min() > 20.0
 
 
-def test_equal_or_tiny_errors_of_a_map_have_a_colour_scale(panels):
+def test_the_colour_scale_of_a_map_has_a_positive_width_if_all_errors_are_equal_or_tiny(panels):
     found, first, second, *_ = panels
     zero = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
@@ -298,7 +298,7 @@ def planned():
 
 @pytest.fixture(scope="module")
 def drawn_plan(planned):
-    """Return the axes of a plan without regions, whose speed is far below its limit."""
+    """Return the axes of a drawn plan. It stays far below its speed limit, and need not pass through any regions."""
     return plan_plots.plot_plan(*planned, limits=PathLimits(speed=9.0)).axes
 
 
@@ -384,7 +384,7 @@ def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_positions(planned):
     )
     np.testing.assert_allclose(figure.axes[0].lines[1].get_xydata(), plan.waypoints[[0, 2, 5], :2])
     for axes, (i, j) in zip(figure.axes[:3], ((0, 1), (0, 2), (1, 2)), strict=True):
-        # A corridor of two segments is drawn once, and a point is not drawn.
+        # The corridor that two segments share is drawn once. The first region is a single point and is not drawn.
         first, second, third, fourth = axes.patches
         for patch, region in ((first, corridor), (third, box)):
             assert patch.get_xy() == (region.low[i], region.low[j])

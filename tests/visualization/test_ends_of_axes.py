@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins and round ticks, and overlapping curves can be distinguished."""
+"""Axes contain all curves with small margins, ticks are at round numbers, and overlapping curves are dashed."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -94,14 +94,20 @@ def test_sample_counts_have_ticks_at_one_two_and_five():
         assert len(axes.xaxis.get_minorticklocs()) == 0
 
 
-def is_dashed(near, fraction, count=200):
-    """Return whether a curve is dashed if it is `near` points from another one over a `fraction` of its length."""
+def is_dashed(distance, fraction, count=200):
+    """Return whether `dash_overlapping_curves` dashes a curve that partly overlaps another one.
+
+    Args:
+        distance: distance between the curves where they overlap, in points.
+        fraction: fraction of the curve's length over which the curves overlap.
+        count: number of points of the curve.
+    """
     figure = new_figure(4.0, 3.0)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     x = np.linspace(0.0, 1.0, count)
     axes.plot(x, np.full(count, 0.5))
-    apart = np.where(np.arange(count) < fraction * count, near, 40.0)
+    apart = np.where(np.arange(count) < fraction * count, distance, 40.0)
     # The figure is 216 points high.
     (other,) = axes.plot(x, 0.5 + apart / 216.0)
     dash_overlapping_curves(axes)
@@ -189,7 +195,7 @@ def test_wind_in_the_signals_is_plotted_even_if_the_scenario_has_none(monkeypatc
     assert "wind" in plots.save_plots(replace(flight, signals={**flight.signals, "wind": wind}), ".")
 
 
-def test_reference_points_span_the_whole_reference():
+def test_the_points_at_which_a_reference_is_drawn_extend_from_its_start_to_its_end():
     plan = plan_route(load_scenario("slalom"))
     points = reference_points(plan)
     np.testing.assert_allclose(points[[0, -1]], plan.waypoints[[0, -1]], atol=1e-6)
@@ -201,7 +207,10 @@ def test_reference_points_span_the_whole_reference():
 
 
 def identification(*units, fraction=0.9):
-    """Return an identification with an output in each unit, whose forecast errors are steps of 0.1 in this unit."""
+    """Return an identification with one output for each unit.
+
+    The forecast error of an output alternates between 0 and 0.1 of its unit.
+    """
     time = np.arange(12)[:, None] + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     outputs = tuple(
@@ -234,7 +243,7 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
     assert right.lines[-1].get_ydata()[0] == 0.0
 
 
-def test_a_forecast_worse_than_persistence_explains_no_variance():
+def test_the_title_of_a_forecast_states_that_no_variance_is_explained_unless_the_fraction_is_positive():
     for fraction, words in (
         (-0.9, "no variance explained"),
         (0.0, "no variance explained"),
@@ -338,7 +347,10 @@ def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
 
 
 def test_a_camera_sees_a_room_around_the_path(camera):
-    """The room around a hover is three times as wide as the rotors, and each axis has a few round ticks."""
+    """The room around a hover is six times as wide as the largest distance of a rotor from the centre.
+
+    Each axis has two to eight ticks.
+    """
     axes = camera._axes
     max_rotor_distance = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
     for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):

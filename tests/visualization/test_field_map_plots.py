@@ -8,7 +8,8 @@ from drake_quad import load_scenario
 from drake_quad.design.field_map import FieldMap
 from drake_quad.visualization.field_map_plots import plot_field_maps
 
-# One cell has crashed, one violates the requirement, one has not settled, and one has settled.
+# Metrics of four flights, one for each cell of a map. The first flight crashes, the second violates the requirement,
+# the third does not settle, and the fourth settles.
 CRASH_TIME = np.array([[1.0, math.inf], [math.inf, math.inf]])
 RECOVERY_ROBUSTNESS = np.array([[0.5, -0.1], [0.2, 0.3]])
 SETTLING_TIME = np.array([[2.0, 3.0], [math.inf, 4.0]])
@@ -46,7 +47,7 @@ def test_titles_state_the_fraction_of_satisfactory_flights_and_angles_are_in_deg
     assert figure.get_supylabel() == "initial.body_rates.0 (rad/s)"
 
 
-def test_a_map_without_a_recovered_flight_is_drawn():
+def test_a_map_in_which_all_flights_crash_is_drawn():
     worst = made()
     worst = worst._replace(metrics=worst.metrics._replace(crash_time=np.ones((2, 2))))
     figure = plot_field_maps({"a": worst}, "settling_time", labels=("x", "y"), units=("m", "m"))

@@ -105,7 +105,7 @@ def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(
         (f"min {limits[0]:g}", limits[0]),
         (f"max {limits[1]:g}", limits[1]),
     ]
-    # The panels of the rotors have equal axes, which the speeds fill. The limits do not enlarge these axes.
+    # The panels of the four rotors have the same vertical range. It depends on the speeds and not on the speed limits.
     (low, high), *others = [axes.get_ylim() for axes in panels]
     assert np.ptp(speeds) > 0.8 * (high - low)
     assert others == [(low, high)] * 3
@@ -191,7 +191,7 @@ def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
 
 
-def test_positions_and_coordinates_are_taken_from_the_signal(flight):
+def test_positions_of_a_vehicle_are_read_from_its_state(flight):
     state = flight.record("state")
     np.testing.assert_array_equal(positions(state), np.transpose([state.x, state.y, state.z]))
     assert {axis: rows is not None for axis, rows in coordinates_by_axis(state).items()} == dict.fromkeys("xyz", True)

@@ -59,7 +59,7 @@ def test_learning_is_shown_for_each_axis(flight):
         assert len(learned.lines) == weights.shape[2] == 9
         for line in learned.lines:
             (rule,) = [i for i in range(9) if np.array_equal(weights[:, column, i], line.get_ydata())]
-            # In the order of the rules, the set of the error rate varies fastest.
+            # Rule 3 i + j combines fuzzy set i of the error with fuzzy set j of the error rate.
             error, rate = divmod(rule, 3)
             assert line.get_label() == f"{(-1, 0, 1)[error]:g}, {(-1, 0, 1)[rate]:g}"
             assert to_hex(line.get_color()) == plots._COLORS[error].lower()

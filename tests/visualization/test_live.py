@@ -125,7 +125,7 @@ def test_a_restart_repairs_a_failed_motor(page):
     assert flight.time == pytest.approx(0.5)
 
 
-def test_the_error_sliders_show_the_position_error(page):
+def test_the_position_error_is_displayed_by_sliders(page):
     flight = LiveFlight(load_scenario("laboratory:low_wind"), page, rate=0)
     for _ in flight.fly(3.0):
         pass

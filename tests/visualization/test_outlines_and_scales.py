@@ -1,4 +1,4 @@
-"""Waypoint numbers are limited, cameras have a uniform scale, and vehicles have sensible parts and colours."""
+"""Only a few waypoints are numbered, cameras have a uniform scale, and vehicles have suitable parts and colours."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_more_than_thirty_waypoints_have_no_numbers(count, numbered):
     for view in ((0, 1), (0, 2)):
         axes = new_figure(2.0, 2.0).subplots()
         plan_plots._draw_view(axes, view, way.T, way, (), ())
-        # Only the view from above has numbers.
+        # Only the view from above shows the numbers of the waypoints.
         shown = range(count) if numbered and view == (0, 1) else ()
         assert [label.get_text() for label in axes.texts] == [str(i) for i in shown]
 

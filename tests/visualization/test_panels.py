@@ -171,7 +171,7 @@ def test_a_nyquist_plot_has_equal_units(design):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_a_camera_sees_the_whole_path_from_a_flat_room():
+def test_the_scene_of_a_camera_contains_the_whole_path_and_is_not_too_flat():
     scenario = load_scenario("figure_eight")
     plan = plan_route(scenario)
     axes = Camera(scenario, plan)._axes

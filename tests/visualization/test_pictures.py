@@ -29,8 +29,8 @@ def learned():
     return simulate(load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn", ["duration=8"]))
 
 
-def labels_on_plates(figure):
-    """Return the number of annotations with a white background in a figure."""
+def num_white_labels(figure):
+    """Return the number of annotations in a figure; all of them must have a white background."""
     labels = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
     assert all(to_hex(label.get_bbox_patch().get_facecolor()) == "#ffffff" for label in labels)
     assert all(3.0 <= np.hypot(*label.get_position()) <= 10.0 for label in labels)
@@ -40,14 +40,14 @@ def labels_on_plates(figure):
 def test_waypoint_numbers_have_a_white_background():
     scenario = load_scenario("diagrams/figure_eight.yaml")
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario))
-    assert labels_on_plates(figure) == 15
+    assert num_white_labels(figure) == 15
 
 
-def test_gains_have_a_white_background(learned):
-    assert labels_on_plates(plot_secant_gains(learned)) == 6
+def test_the_labels_of_secant_gains_have_a_white_background(learned):
+    assert num_white_labels(plot_secant_gains(learned)) == 6
 
 
-def test_means_have_a_white_background():
+def test_the_labels_of_mean_errors_in_a_comparison_have_a_white_background():
     generator = np.random.default_rng(1)
     count = len(Metrics._fields) - 1
 
@@ -56,7 +56,7 @@ def test_means_have_a_white_background():
         return Metrics(*rows, crash_time=np.full(20, np.inf))
 
     flights = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
-    assert labels_on_plates(plot_comparison(flights)) == 9
+    assert num_white_labels(plot_comparison(flights)) == 9
 
 
 def test_leg_numbers_and_legend_of_errors_are_above_the_curves(flight):

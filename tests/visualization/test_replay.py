@@ -94,7 +94,7 @@ def test_a_replay_can_be_opened_at_a_given_time(flight, tmp_path):
 
 
 def opened(page, folder, fragment="#t=3.0"):
-    """Return a browser that shows a page at a time."""
+    """Open a page in a browser, wait until the replay shows the time in the fragment (s), and return the browser."""
     browser = Browser(page, folder / "profile", fragment=fragment)
     browser.wait_for(f"document.getElementById('clock')?.textContent === '{float(fragment[3:]):.1f} s'")
     return browser
@@ -147,7 +147,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
             assert np.abs(across).max() < 1.0
             frame = on_screen(browser, json.loads(re.search(r'"frame":(\[\[.*?\]\])', text).group(1)))[:, :2]
             low, high = frame.min(axis=0), frame.max(axis=0)
-            # The points touch one pair of sides, up to a margin of 6 % of the view.
+            # The scene fills the view in one direction, except for a margin of 6 % of the view on each side.
             assert high.max() < 0.881
             assert low.min() > -0.881
             assert np.max(np.minimum(high, -low)) > 0.879
@@ -177,7 +177,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
 
 @pytest.mark.long
 @needs_chromium
-def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
+def test_the_panel_shows_error_and_speed_and_a_click_on_its_plot_sets_the_time(flight, tmp_path):
     page = save_replay({"first": flight, "second": flight}, tmp_path / "replay.html")
     with opened(page, tmp_path) as browser:
         resize(browser, 880, 560)
@@ -187,7 +187,8 @@ def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
         said = browser.value("document.querySelector('#key .now').textContent")
         found = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", said)
         assert [float(each) for each in found.groups()] == pytest.approx([error, speed], abs=0.05)
-        # A click on the plot goes to this time. The time axis begins 44 px from the left and ends 8 px from the right.
+        # A click on the plot sets the time of the replay. The time axis begins 44 px from the left and ends 8 px from
+        # the right.
         box = browser.value("(({left, top, width}) => [left, top, width])(errors.getBoundingClientRect())")
         x, y = box[0] + 44 + 0.75 * (box[2] - 52), box[1] + 40
         for kind in ("mousePressed", "mouseReleased"):
@@ -209,7 +210,7 @@ def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
 
 @pytest.mark.long
 @needs_chromium
-def test_a_swarm_replays_its_crashes(tmp_path):
+def test_the_replay_of_a_swarm_counts_crashes_and_stops_crashed_vehicles(tmp_path):
     flights = simulate_samples(load_scenario("diagrams/robustness.yaml", ["duration=5"]), range(20))
     failure = "vehicle.rotor_failure={rotor: 1, time: 1.0, speed_factor: 0.0}"
     crash = simulate(load_scenario("diagrams/figure_eight.yaml", [failure]))
@@ -224,7 +225,7 @@ def test_a_swarm_replays_its_crashes(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
+def test_a_page_needs_no_internet_connection_and_is_smaller_than_12_megabytes(flight, tmp_path):
     page = save_replay({"one": flight, "two": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
     assert not re.search(r'<(script|link|img)[^>]* (src|href)="(?!data:)', page)
     swarm = save_swarm({"all": [flight] * 100}, tmp_path / "swarm.html")
@@ -266,7 +267,7 @@ def test_page_data_contain_the_median_of_many_flights(tmp_path):
 
 
 @pytest.mark.parametrize(("length", "spacing"), [(0.9, 0.2), (4.0, 0.5), (8.1, 2.0), (42.0, 10.0)])
-def test_a_grid_has_round_spacing(length, spacing):
+def test_the_spacing_of_a_grid_is_a_round_number(length, spacing):
     room = SceneRoom(np.full(3, -0.5 * length), np.full(3, 0.5 * length), round_spacing(length))
     assert room.spacing == pytest.approx(spacing)
     assert room.grid(0)[[0, -1]] == pytest.approx(np.array([-1, 1]) * spacing * np.floor(0.5 * length / spacing))

@@ -35,7 +35,7 @@ def test_a_bar_is_a_box_that_is_open_at_its_start(end):
     corners, faces = shapes._bar(start, end, 0.01)
     length = np.linalg.norm(end - start)
     assert area(corners, faces) == pytest.approx(4.0 * 0.02 * length + 0.02**2)
-    # The four corners of the open side are at the start.
+    # The open side of the bar has four corners, whose centre is the start of the bar.
     open_corners = corners[sorted(set().union(*rims(faces)))]
     np.testing.assert_allclose(open_corners.mean(axis=0), start)
     assert len(rims(faces)) == 4
@@ -51,14 +51,14 @@ def test_a_tube_is_open_only_at_its_two_ends():
     assert len(rims(map(tuple, faces.T))) == 6
 
 
-def test_a_simple_quadrotor_is_four_bars_and_four_discs_of_ten_sides():
+def test_the_mesh_of_a_quadrotor_consists_of_four_bars_and_four_regular_decagons():
     frame = shapes.Frame.of(load_scenario("figure_eight").vehicle)
     corners, faces = (part.T for part in shapes.quadrotor_mesh(frame))
     radius = shapes._propeller_radius(frame.rotors)
-    discs = 4.0 * 10.0 * 0.5 * radius**2 * np.sin(2.0 * np.pi / 10.0)
+    decagons = 4.0 * 10.0 * 0.5 * radius**2 * np.sin(2.0 * np.pi / 10.0)
     width = 2.0 * 0.009 * shapes.part_scale(frame.rotors)
     arms = sum(4.0 * width * np.hypot(rotor.x, rotor.y) + width**2 for rotor in frame.rotors)
-    assert area(corners, faces) == pytest.approx(discs + arms, rel=1e-3)
+    assert area(corners, faces) == pytest.approx(decagons + arms, rel=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -47,7 +47,7 @@ def test_no_part_is_larger_than_its_vehicle():
     assert len([path for path in scene.objects if "arm" in path]) == len(X_LAYOUT)
 
 
-def test_the_scene_is_hidden_while_recording_and_its_reference_point_is_small(flights, monkeypatch, tmp_path):  # noqa: F811
+def test_a_scene_is_not_updated_while_it_is_recorded_and_its_parts_have_suitable_sizes(flights, monkeypatch, tmp_path):  # noqa: F811
     scene = Recording()
     page.draw_replay(scene, flights)
     assert not scene.shows_while_recording

@@ -165,7 +165,7 @@ def test_poses_of_rotors_turn_about_their_axes():
     )
 
 
-def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
+def test_the_mesh_of_a_quadrotor_has_a_bar_to_each_rotor_and_a_disc_on_it():
     corners, triangles = (part.T for part in quadrotor_mesh(FRAME))
     assert triangles.max() == len(corners) - 1
     height = 0.035 * part_scale(X_LAYOUT)
@@ -318,7 +318,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
         np.testing.assert_allclose(start, begin)
         i = "xyz".index(axis)
         np.testing.assert_allclose(stop, np.where(np.arange(3) == i, high, begin))
-    # The drawn jet of the fan ends a margin beyond the path.
+    # The jet of the fan is drawn up to a distance of `margin` beyond the end of the path.
     assert scene.meshes["/fan_1/jet"][2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
     # The camera is above the scene and to its side.
@@ -410,7 +410,7 @@ def test_the_trail_of_a_single_flight_has_the_colours_of_its_errors(flights):
     np.testing.assert_allclose(colors, ERROR_COLORS(fractions)[:, :3])
 
 
-def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
+def test_crashed_vehicles_of_a_swarm_are_red(flights, monkeypatch, tmp_path):
     scene = Scene()
     scene.StaticHtml = lambda: "<html><body></body></html>"
     monkeypatch.setattr(page, "local_meshcat", lambda: scene)

@@ -62,7 +62,7 @@ def test_a_distribution_plot_shows_the_fraction_of_samples_up_to_each_value():
     assert axes.yaxis.get_major_formatter()(0.25) == "25 %"
 
 
-def test_titles_count_samples():
+def test_titles_state_the_number_of_samples():
     (axes,) = plots.plot_distribution({"one": study()}).axes
     assert axes.get_title(loc="left").startswith("200 samples;")
     (axes,) = plots.plot_distribution({"one": study(), "other": study(count=50)}).axes
@@ -94,13 +94,13 @@ def test_estimates_converge_with_the_number_of_samples():
         assert axes.xaxis.get_major_formatter()(2000.0) == "2,000"
 
 
-def test_the_convergence_of_a_quantile_is_shown_without_crashes():
+def test_the_convergence_of_a_quantile_is_shown_for_a_study_without_a_crash():
     found = no_crash()
     left, right = plots.plot_convergence({"one": found}, "peak_error").axes
     stops, values = curve(right, "one")
     expected = [quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
     np.testing.assert_allclose(values, [each.value for each in expected])
-    # Few samples give no interval for the quantile.
+    # With few samples, the quantile has no confidence interval.
     known = np.isfinite([each.high for each in expected])
     corners = right.collections[0].get_paths()[-1].vertices
     assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
@@ -298,7 +298,7 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
     assert [label.get_text() for label in plot_study(studies["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
 
 
-def test_controllers_are_compared_by_all_of_their_samples():
+def test_a_comparison_shows_every_sample_of_each_controller():
     """Errors of samples without a crash, and their mean, are drawn in cm around the row of their controller."""
     flights = {
         "calm": {"a": study().metrics, "b": no_crash(1, 50).metrics},

@@ -20,7 +20,7 @@ VEHICLE_STATE = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
 
 
 def shown(time, scenario=HOVER, **constants):
-    """Return a scene in which the visualizer has shown constant signals for a time in s."""
+    """Return a scene after the visualizer has shown constant signals until a given time, s."""
     builder, scene = DiagramBuilder(), Recording()
     visualizer = QuadrotorVisualizer.add_to_builder(builder, scene, scenario, name="mine")
     for name, value in constants.items():
@@ -107,7 +107,8 @@ def test_a_watched_simulator_is_shown_from_the_start_after_each_restart(name):
     simulator.reset_context(diagram.CreateDefaultContext())
     simulator.AdvanceTo(0.2)
     np.testing.assert_array_equal([pose.translation() for pose in scene.every["/vehicle"]], first)
-    assert ("/vehicle_wind/arrow" in scene.meshes) == (name == "outdoor")  # the scene shows the fans
+    # An arrow shows wind that does not come from fans. Fans are part of the scene of `low_wind`.
+    assert ("/vehicle_wind/arrow" in scene.meshes) == (name == "outdoor")
 
 
 def test_drake_names_the_state_port_if_it_is_not_connected():

@@ -23,12 +23,12 @@ _MAX_ROTOR_COMMAND = 65535.0  # command units
 _THRUST_SCALE = 1000.0
 # Largest output of the position loop, relative to the parameter for the largest velocity.
 _VELOCITY_LIMIT_FACTOR = 1.1
-# Smallest limit on the velocity along Z, m/s.
+# The limit on the velocity along Z is at least this value, m/s, even if the parameter `posCtlPid.zVelMax` is smaller.
 _MIN_CLIMB_LIMIT = 0.5
-# Limits on the error integrals, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
-_INTEGRAL_LIMIT = 5000.0
-_ATTITUDE_INTEGRAL_LIMITS = (20.0, 20.0, 360.0)
-_RATE_INTEGRAL_LIMITS = (33.3, 33.3, 166.7)
+# Limits on the error integrals (pid.h, platform_defaults_cf2.h).
+_INTEGRAL_LIMIT = 5000.0  # m s in the position loop, and m in the velocity loop, on each axis
+_ATTITUDE_INTEGRAL_LIMITS = (20.0, 20.0, 360.0)  # ° s for roll, pitch and yaw
+_RATE_INTEGRAL_LIMITS = (33.3, 33.3, 166.7)  # ° for the roll, pitch and yaw rates
 # Largest output of the body rate loop, in command units.
 _MAX_RATE_LOOP_OUTPUT = 32767.0
 # Largest output of the velocity loop along Z, in thousands of command units.

@@ -30,7 +30,7 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     check_command("crazyflie", description, ["wrench"])
     check_inputs("crazyflie", description)
     check_single_precision("crazyflie", description)
-    # The firmware provides no snap, which is therefore zero.
+    # The firmware does not provide the snap of the reference, so the controller assumes that the snap is zero.
     jerk = ".reference_jerk = {.x = setpoint->jerk.x, .y = setpoint->jerk.y, .z = setpoint->jerk.z},"
     return {
         "CALLS": str(whole_steps("crazyflie", description, _FIRMWARE_PERIOD, "milliseconds")),

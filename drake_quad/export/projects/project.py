@@ -101,16 +101,16 @@ def check_single_precision(project: str, description: ExportDescription) -> None
 
 
 def whole_steps(project: str, description: ExportDescription, period: float, label: str) -> int:
-    """Return the period of code in multiples of another period.
+    """Return the control period of exported code as a number of shorter periods, such as milliseconds.
 
     Args:
         project: name of the project.
-        description: description of the code.
-        period: other period, s.
-        label: name of the other period in the plural, such as "milliseconds".
+        description: description of the exported code.
+        period: shorter period, s.
+        label: name of the shorter period in the plural, such as "milliseconds".
 
     Raises:
-        InputError: if the period is not a multiple of the other one.
+        InputError: if the control period is not a multiple of the shorter period.
     """
     ratio = description.period / period
     if ratio < 0.5 or abs(ratio - round(ratio)) > _ROUNDING:

@@ -1,4 +1,4 @@
-"""Vector environment for Stable-Baselines3, and saving of its policies as controllers."""
+"""Vector environment for Stable-Baselines3, and a function that saves trained policies as controllers."""
 
 from drake_quad.extras import import_extra
 

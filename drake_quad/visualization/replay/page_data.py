@@ -57,11 +57,14 @@ def page_data(
 
 
 def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
-    """Return the curve of a group of flights at given times.
+    """Return the curves of a group of flights in the panel, at given times.
 
     Returns:
-        The median `error`, cm, and `speed`, m/s; for several flights, the edges `low` and `high` of the error band, cm;
-        and for each crash, the time, s, in `crashes`, and the obstacle in `into`.
+        `error`: median error of the flights, cm.
+        `speed`: median speed, m/s.
+        `low` and `high`: edges of the band of errors, cm; only for several flights.
+        `crashes`: time of each crash, s.
+        `into`: name of the obstacle that the vehicle hit in each crash; None if it hit no obstacle.
     """
     errors, speeds = np.full((2, len(group), len(times)), np.nan)
     for flight, error, speed in zip(group, errors, speeds, strict=True):

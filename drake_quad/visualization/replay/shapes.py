@@ -37,7 +37,8 @@ _ARROW_LENGTH_PER_SPEED = 0.15
 TRAIL_PIECE_DURATION = 0.25
 _TRAIL_RADIUS = 0.018  # m
 ERROR_COLORS = colormaps["viridis"]
-# Rotors whose x is at least this fraction of the x of the foremost rotor have arms in the colour of the front.
+# The arm of a rotor has the colour of the front if the rotor is at least this far in front of the centre, relative to
+# the foremost rotor.
 _MIN_FRONT_FRACTION = 0.5
 # Largest radius of a propeller, relative to the smallest distance between two rotors. Propellers touch at 0.5.
 _MAX_RADIUS_RATIO = 0.48
