@@ -15,9 +15,9 @@ from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Largest number of cached tables of shared values. When the cache is full, every flight computes its further tables.
+# Largest number of cached tables of shared values. When the cache is full, a new table replaces the oldest one.
 _MAX_TABLES = 256
-# Number of events in a table if the simulator requests one event at a time.
+# Number of events in each cached table of shared values if the simulator requests one event at a time.
 _TABLE_EVENTS = 64
 
 
@@ -99,7 +99,7 @@ class CompiledSystem(LeafSystem):
         self.program.write(diagram_context, state, parameters)
 
     def set_end(self, context: Context, time: float) -> None:
-        """Set the end of the simulation, s. Later events that simulate several ticks have no effect."""
+        """Set the end of the simulation, s. An event that simulates several ticks omits the ticks after this time."""
         context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
 
     def get_state(self, context: Context, path: str, name: str) -> Any:
@@ -176,7 +176,13 @@ class CompiledSystem(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(program.base, 0.0, update)
 
     def _declare_strides(self, events: Sequence[Event], ticks: int) -> None:
-        """Declare events that simulate several instants, or several ticks."""
+        """Declare periodic events that simulate several instants of the diagram each.
+
+        Args:
+            events: consecutive events, which are repeated periodically.
+            ticks: number of ticks that one event of Drake's simulator simulates. If it is larger than 1, `events` has
+                one element, which simulates one tick.
+        """
         instants = events[0].instants
         period = instants * self.program.base
 
@@ -214,7 +220,10 @@ class CompiledSystem(LeafSystem):
             parts.append(log)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """Return the shared values of consecutive events, from a cache that is filled for many events at once."""
+        """Return the table rows of `count` consecutive events: the values that all vehicles share.
+
+        The rows are cached, and are computed for `_TABLE_EVENTS` events at once if a single event is requested.
+        """
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
@@ -258,7 +267,7 @@ class CompiledSystem(LeafSystem):
         )  # an output is compiled when it is first evaluated
 
         def calc(context: Context, output: BasicVector) -> None:
-            # The event only logs the port and does not change the state.
+            # The event writes the value of the port to its log, and does not change the state.
             state = context.get_discrete_state(self._state).value()
             output.SetFromVector(self._run_now(logging_event(), context, state).ravel())
 

@@ -224,7 +224,10 @@ class Program:
         return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
 
     def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
-        """Trace the time from just after the discrete updates at `first` to just before those `instants` later."""
+        """Trace the events that follow the discrete updates at the instant `first`.
+
+        The trace ends just before the discrete updates at the instant `first + instants`.
+        """
         for instant in range(first + 1, first + instants + 1):
             trace.next_instant()
             trace.advance(self.updates(instant % self.cycle, unrestricted=True))
@@ -234,13 +237,13 @@ class Program:
     def tick_loop(
         self, instants: int, logged_ports: tuple[Port, ...], monitor: str
     ) -> tuple[ClockedLoop, SharedValues]:
-        """Return the machine code of a tick for vehicles with individual clocks, and the columns of its table.
+        """Return the machine code of a tick for vehicles with individual clocks, and its columns of shared values.
 
         At the end of a tick, the log contains the rows of the ports, followed by the monitor's next state in the order
         of its state groups.
 
         Args:
-            instants: number of instants in a tick, which must be a whole cycle.
+            instants: number of instants in a tick; it must equal the number of instants in a cycle of the diagram.
             logged_ports: output ports whose values are logged.
             monitor: path of the system whose next state is logged.
 

@@ -23,7 +23,10 @@ class SharedValueSource(NamedTuple):
 
 
 class _Second(NamedTuple):
-    """Shared value that is 1 if an instant is the second tick of a pair (see `Tick`), else 0."""
+    """Shared value that is 1 if an instant is the second of the two ticks of a pair, else 0.
+
+    Random streams number ticks in pairs; see `Tick`.
+    """
 
     ticks: CurrentTick
 
@@ -60,7 +63,7 @@ class SharedValues:
         return self.column(instant, _Second(ticks))
 
     def table(self, times: np.ndarray, values: Callable[[str, int, float], np.ndarray]) -> np.ndarray:
-        """Return the table, an array (events, width).
+        """Return the table of the shared values of several events, an array (events, width).
 
         Args:
             times: (events, instants) times of the instants, s.

@@ -98,7 +98,10 @@ def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | No
 
 
 def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> str:
-    """Return a text on how a network changes the tolerated delay in each family, if there are flights."""
+    """Return a text on how adding a network to a controller changes the tolerated delay in each family.
+
+    The text is empty if no family contains results of both controllers.
+    """
     both = {name: traits for name, traits in evaluation.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_text(traits[base].delay_flown)} to {delay_text(traits[network].delay_flown)} ({name})"

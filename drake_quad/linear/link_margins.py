@@ -33,7 +33,14 @@ _NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neigh
 
 
 class FastLinkMargins(NamedTuple):
-    """Peaks of |1 / (1 + L)|, and delay margins (s), arrays (signals,) for the command link's signals with feedback."""
+    """Margins of the loops at the command link, from a fast computation.
+
+    A signal without feedback has no entry in the arrays.
+
+    Attributes:
+        sensitivity: (signals,) peaks of |1 / (1 + L)|.
+        delay: (signals,) delay margins, s.
+    """
 
     sensitivity: np.ndarray
     delay: np.ndarray
@@ -113,7 +120,11 @@ def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, co
 
 
 def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
-    """Return the disk margin of a stable closed loop from offsets on the signals to the signals."""
+    """Return the disk margin of all signals at once.
+
+    Args:
+        loops: stable closed loop whose inputs are offsets on the signals, and whose outputs are the signals.
+    """
     blocks = [Block(1, is_real=False)] * len(loops.inputs)
     grid = frequencies(loops.period, points=_NUM_DISK_FREQUENCIES, lowest=_MIN_FREQUENCY)
     peak = 0.0
@@ -136,7 +147,7 @@ def _peaks(loops: SampledSystem, signals: np.ndarray, grid: np.ndarray, S: np.nd
     """Return the largest |S| of some signals, (signals,), refined around the largest value on a grid.
 
     Args:
-        loops: closed loop from an offset on each signal to the signals.
+        loops: closed loop whose inputs are offsets on the signals, and whose outputs are the signals.
         signals: indices of the signals.
         grid: (frequencies,) frequencies of the grid, rad/s.
         S: (signals, frequencies) sensitivity of these signals on the grid.
