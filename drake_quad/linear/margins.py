@@ -14,8 +14,8 @@ _NUM_FREQUENCIES = 2000  # points of the grid, which ends at the Nyquist frequen
 _NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
 _NUM_DIVISIONS = 3  # number of refinements around a peak; the relative error of the peak is then about 1e-9
 _NUM_PEAKS = 8  # number of local maxima that are refined, largest first
-# Largest ratio of decay rate to frequency of a narrow mode. The peak of a narrow mode may lie between two frequencies of
-# the grid.
+# Largest ratio of decay rate to frequency of a narrow mode. The peak of a narrow mode may lie between two grid
+# frequencies.
 _MAX_NARROW_DECAY_RATIO = 0.1
 _MIN_INTEGRATOR_GAIN = 1e6  # smallest |L| at zero frequency of a loop with an integrator
 

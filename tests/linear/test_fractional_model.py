@@ -35,7 +35,7 @@ def test_no_loop_within_the_bound_is_unstable_and_one_just_beyond_it_is(matrices
     assert spectral_radii(exact(matrices, 1.15 * scale * grid)).max() > 1.0
 
 
-def test_the_errors_of_a_model_are_in_its_error_matrix():
+def test_the_exact_loops_are_the_model_plus_u_e_v_with_a_norm_of_e_of_at_most_one():
     points = fitting_points(1, np.random.default_rng(1))
     cubic = points[:, :, np.newaxis] ** 3 * np.array([[0.0, 0.3], [0.1, 0.2]])
     loops = 0.5 * np.eye(2) + 0.1 * points[:, :, np.newaxis] * np.ones((2, 2)) + cubic
