@@ -68,7 +68,7 @@ class Block(ABC):
 
     @abstractmethod
     def output(self, index: int, view: BlockView) -> Rows:
-        """Return the rows of an output port of this block.
+        """Return the components of the signal at an output port of this block.
 
         Args:
             index: index of the output port.

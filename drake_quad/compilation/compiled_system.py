@@ -75,13 +75,14 @@ class CompiledSystem(LeafSystem):
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
         # An event may span several instants only if no other system uses the intermediate results.
         is_alone = not program.row_ranges.inputs
-        strides, ports = None, tuple(self.recorded.values())
+        events, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
-            strides = program.strides(ports, self._instants)
-        if strides is None:
+            events = program.strides(ports, self._instants)
+        if events is None:
             self._declare_instants()
         else:
-            self._declare_strides(strides, ticks if len(strides) == 1 and is_alone and ticks is not None else 1)
+            ticks_per_event = ticks if len(events) == 1 and is_alone and ticks is not None else 1
+            self._declare_multi_instant_events(events, ticks_per_event)
         self._first = program.event_at(None)
         if self._first is not None:
             self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
@@ -175,7 +176,7 @@ class CompiledSystem(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(program.base, 0.0, step)
         self.DeclarePeriodicDiscreteUpdateEvent(program.base, 0.0, update)
 
-    def _declare_strides(self, events: Sequence[Event], ticks: int) -> None:
+    def _declare_multi_instant_events(self, events: Sequence[Event], ticks: int) -> None:
         """Declare periodic events that simulate several instants of the diagram each.
 
         Args:

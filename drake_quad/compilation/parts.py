@@ -94,7 +94,9 @@ class Results(NamedTuple):
 
 
 def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
-    """Split a listing into the operations that depend only on parameters, and the rest, which reads their results.
+    """Split the operations of an event into those that depend only on parameters, and all others.
+
+    The second part reads the results of the first part.
 
     Args:
         listing: operations of an event, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.

@@ -205,7 +205,7 @@ class Program:
         for instants in (each for each in range(max_instants, 0, -1) if max_instants % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
-                event = self._stride(first, instants, () if first % max_instants else recorded)
+                event = self._multi_instant_event(first, instants, () if first % max_instants else recorded)
                 if event is None:
                     break
                 events.append(event)
@@ -213,7 +213,7 @@ class Program:
                 return events
         return None
 
-    def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
+    def _multi_instant_event(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
         """Return an event over several instants; None if it would read external inputs after the first instant."""
         trace, shared = self._trace(instants)
         logged = _rows(trace, recorded)
@@ -248,14 +248,14 @@ class Program:
             monitor: path of the system whose next state is logged.
 
         Raises:
-            InputError: if a period of the diagram is longer than a tick, or the diagram has an unrestricted update at
+            InputError: if a tick is shorter than a cycle of the diagram, or the diagram has an unrestricted update at
                 time zero.
         """
         name = self.diagram.get_name()
         if instants != self.cycle:
             raise InputError(
-                f"vehicles of {name} cannot have individual clocks: a period of the diagram is longer than a tick of"
-                f" {instants * self.base:g} s"
+                f"vehicles of {name} cannot have individual clocks: the events of the diagram must repeat in every tick"
+                f" of {instants * self.base:g} s, but repeat only every {self.cycle * self.base:g} s"
             )
         if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
             raise InputError(

@@ -70,7 +70,7 @@ class Trace:
         self._outputs: dict[Port, Rows] = {}
 
     def output(self, port: Port) -> Rows:
-        """Return the rows of an output port of a leaf system."""
+        """Return the components of the signal at a leaf system's output port."""
         if port in self._row_ranges.inputs:
             return self._input(port)
         if port not in self._outputs:
@@ -131,13 +131,13 @@ class Trace:
         return Tick(untyped(number), untyped(second == 1.0))
 
     def state(self, path: str, group: int) -> Rows:
-        """Return the current rows of a state group of a leaf system."""
+        """Return the components of a state group of a leaf system at the current instant."""
         if (path, group) not in self._states:
             return self._rows(STATE, self._row_ranges.states[path, group])
         return self._states[path, group]
 
     def parameter(self, path: str, index: int) -> Rows:
-        """Return the rows of a parameter of a leaf system."""
+        """Return the components of a parameter of a leaf system."""
         return self._rows(PARAMETERS, self._row_ranges.parameters[path, index])
 
     def input(self, port: Port) -> Rows | None:
@@ -192,11 +192,11 @@ class BlockView(NamedTuple):
         return self.trace.required_input(Port(self.path, index))
 
     def state(self, group: int) -> Rows:
-        """Return the current rows of a state group of the block."""
+        """Return the components of a state group of the block at the current instant."""
         return self.trace.state(self.path, group)
 
     def parameter(self, index: int) -> Rows:
-        """Return the rows of a parameter of the block."""
+        """Return the components of a parameter of the block."""
         return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:

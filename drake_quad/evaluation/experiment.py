@@ -175,7 +175,7 @@ def fly_family(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         controller: name of the controller in the family's file.
         sizes: sizes of the evaluation.
 
@@ -203,7 +203,7 @@ def fly_controller(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         controller: controller to fly.
         sizes: sizes of the evaluation.
         base: controller without the network, whose margins are returned; by default, the controller itself.
@@ -255,7 +255,7 @@ def fly_laps(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """
@@ -281,7 +281,7 @@ def fly_priced(
 
     Args:
         diagrams: folder of the shipped scenarios.
-        family: laboratories of this family.
+        family: family of laboratories.
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """

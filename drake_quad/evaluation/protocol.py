@@ -46,7 +46,7 @@ def tunable_entries(
     A network is omitted if its base controller is neither in the file nor among the chosen entries.
 
     Args:
-        family: laboratories of this family.
+        family: family of laboratories.
         path: path of the file with the family's designs.
         names: names of the chosen entries; all by default.
 
@@ -75,7 +75,7 @@ def design_family(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         entries: entries from `tunable_entries`.
         budget: budget of each search.
     """

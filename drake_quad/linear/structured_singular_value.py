@@ -348,7 +348,7 @@ def peak_mu_bound(
     found: list[MuBound] = []
 
     def prove(omega: float) -> None:
-        """Compute the bound at a frequency, and increase `level` to it if it is larger.
+        """Compute the bound at a frequency, and increase `level` if the bound is larger.
 
         Frequencies at which the new scalings prove `level` are removed from `gaps`.
         """

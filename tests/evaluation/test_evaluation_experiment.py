@@ -193,7 +193,7 @@ def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     assert duration > 10.0
 
 
-def test_the_margin_is_the_smallest_of_all_loops(monkeypatch, diagrams):
+def test_worst_margins_are_the_worst_of_all_loops_at_the_command_link(monkeypatch, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     loops = {
         "one": SimpleNamespace(sensitivity=2.0, delay=0.04),

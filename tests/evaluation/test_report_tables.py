@@ -207,7 +207,7 @@ def test_crashes_are_listed_laboratory_by_laboratory():
     assert pd[6] == "–"
 
 
-def test_designs_with_other_limits_have_rows_in_the_report(found):
+def test_designs_with_other_sensitivity_limits_have_rows_in_the_report(found):
     rows = rows_of(report_markdown(found, all_claims(found), []))
     errors = [centimetres(found.flights["high wind"][f"indi@{limit}"]) for limit in ("1.6", "3")]
     assert [row for row in rows if row[0] == "INDI" and len(row) == 9] == [

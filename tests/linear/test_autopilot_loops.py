@@ -187,7 +187,7 @@ def test_loops_on_board_have_their_margins_and_each_rate_loop_is_designed_before
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_the_result_of_the_command_in_their_file(root, onboard, designed):
+def test_shipped_gains_are_the_result_of_the_command_that_their_file_names(root, onboard, designed):
     text = (root / "diagrams" / "gains" / "onboard.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
     assert command == ["design", "onboard", "--on-board"]

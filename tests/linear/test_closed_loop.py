@@ -187,7 +187,7 @@ def test_an_initial_response_is_a_flight_that_starts_at_an_offset_from_the_refer
         assert np.abs(deviations[-1, 0:3] - deviations[0, 0:3]).min() > 1e-3
 
 
-def test_a_distribution_has_no_linear_model():
+def test_a_scenario_with_a_distribution_has_no_linear_model():
     scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     with pytest.raises(InputError, match="vehicle.mass is a distribution, but the analysis of hover needs a number"):
         closed_loop(scenario)

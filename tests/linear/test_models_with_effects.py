@@ -172,7 +172,7 @@ ALL_EFFECTS_OVERRIDES = [
     [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
-def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load):
+def test_a_loop_with_all_effects_has_an_equilibrium_and_a_linear_model(laboratory, load):
     wind = "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]}]"
     loop = closed_loop(laboratory(*ALL_EFFECTS_OVERRIDES, load, wind))
     poles = loop.system.poles()
@@ -184,7 +184,7 @@ def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["nominal", "actual"])
-def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
+def test_a_laboratory_with_effects_has_a_linear_plant(laboratory, vehicle):
     """The specific thrust in hover follows from the throttle by the nominal thrust curve."""
     plant, specific_thrust = laboratory_plant(laboratory(*ALL_EFFECTS_OVERRIDES[5:]), vehicle=vehicle)
     if vehicle == "nominal":

@@ -222,7 +222,7 @@ def two_inputs():
 
 
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
-def test_inputs_and_outputs_have_the_requested_order(order):
+def test_inputs_and_outputs_of_a_linear_model_have_the_requested_order(order):
     """The linear model of two zero-order holds has the matrices A = 0 and D = 0.
 
     B and C consist of rows of the identity matrix, in the requested order.
@@ -305,7 +305,7 @@ def test_states_that_are_reached_in_many_steps_are_kept():
     assert system.connected().states == tuple("abcde")
 
 
-def test_a_system_has_no_response_at_its_poles():
+def test_the_frequency_response_at_a_pole_of_the_system_is_refused():
     system = SampledSystem(
         np.diag([0.5, 0.25]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
     )

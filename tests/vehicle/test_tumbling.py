@@ -121,7 +121,7 @@ def test_energy_and_angular_momentum_are_constant_in_tumbles_without_torque(asym
     assert errors[1] / errors[2] > 12.0
 
 
-def test_angles_reproduce_any_rotation():
+def test_roll_pitch_and_yaw_represent_any_rotation():
     """The rotation agrees to rounding at any distance from a pitch of ±90° and at ±90°."""
     rng = np.random.default_rng(2)
     for distance in [0.0, *10.0 ** np.arange(-17.0, 0.0)]:
