@@ -171,7 +171,7 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
 
 
 def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return U (n, e) and V (e, n) such that each error (n, n) is U E V, where E has singular values of at most 1.
+    """Return matrices U (n, e) and V (e, n) such that each error is U E V with singular values of E of at most 1.
 
     Args:
         errors: (K, n, n) errors of the model at K points.

@@ -23,7 +23,7 @@ from drake_quad.linear.structured_singular_value import Block, mu_bound
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_FEEDBACK = 1e-9  # |S - 1|; a signal with smaller values at all frequencies has no feedback
+_MIN_FEEDBACK = 1e-9  # a signal has no feedback if |S - 1| is smaller than this value at all frequencies
 # Number of grid frequencies in `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins
 # to 2e-4.
 _NUM_FREQUENCIES = 240
@@ -91,7 +91,7 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
 
 
 class JointDiskMargin(NamedTuple):
-    """Disk margin of all signals on the command link at once.
+    """Disk margin for simultaneous changes of all signals on the command link.
 
     All signals may change at the same time, each by its own factor in the disk of the margin α, see `Margins.disk`.
 
@@ -107,7 +107,7 @@ class JointDiskMargin(NamedTuple):
 
 
 def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> JointDiskMargin:
-    """Return the disk margin of a scenario's loops at the command link, all at once.
+    """Return the disk margin for simultaneous changes of all of a scenario's loops at the command link.
 
     The margin of a single loop is never smaller. The difference shows how much the loops act on each other (P. Seiler,
     A. Packard and P. Gahinet, "An introduction to disk margins", 2020). The arguments and errors are those of
@@ -120,7 +120,7 @@ def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, co
 
 
 def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
-    """Return the disk margin of all signals at once.
+    """Return the disk margin for simultaneous changes of all signals.
 
     Args:
         loops: stable closed loop whose inputs are offsets on the signals, and whose outputs are the signals.

@@ -59,7 +59,7 @@ class RotorModel(NamedTuple):
 
 
 class AllocationOutput(NamedTuple):
-    """Result of an allocation.
+    """Result of a control allocation to rotor speeds.
 
     Attributes:
         rotor_speed_command: rotor speeds that produce the wrench, or the part of it that the rotors can produce.

@@ -152,7 +152,7 @@ def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: Thr
 
 
 class ThrottleAllocationOutput(NamedTuple):
-    """Result of an allocation.
+    """Result of a control allocation to throttles.
 
     Attributes:
         throttle_command: throttles that produce the wrench, or the part of it that the rotors can produce.
