@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
 
-# Largest length of a message, in characters. A sentence with a long path is shorter.
+# Largest length of a message, in characters. It is long enough for a sentence that contains a long path.
 _MAX_MESSAGE_LENGTH = 400
 
 

@@ -209,7 +209,7 @@ def with_rules(sets: int) -> Scenario:
 
 
 def print_controllers(repetitions: int) -> None:
-    """Print the simulation speed of compiled fleets with several controllers, and its ratio to the first of them."""
+    """Print the simulation speed of compiled fleets with several controllers, relative to the first controller."""
     size = 1024
     laboratories: dict[str, tuple[str, list[str]]] = {
         "low_wind": ("low_wind", []),
@@ -222,7 +222,10 @@ def print_controllers(repetitions: int) -> None:
             for controller, inputs in _COMPARED_CONTROLLERS.values()
         ]
         costs[laboratory] = interleaved([Stepper(each, size, compiled=True) for each in scenarios], repetitions)
-    print("\n| fleet of 1,024, vehicle-seconds per second, and ratio to the first | `low_wind` | every imperfection |")
+    print(
+        "\n| fleet of 1,024, vehicle-seconds per second, and ratio to the first controller"
+        " | `low_wind` | every imperfection |"
+    )
     print("|---|---|---|")
     for row, name in enumerate(_COMPARED_CONTROLLERS):
         cells = [f"{spread(each[row], size)}, {min(each[0]) / min(each[row]):.2f}" for each in costs.values()]

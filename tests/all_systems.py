@@ -1028,4 +1028,4 @@ DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
 ]
 
 SYSTEMS = [(each.system, each.make) for each in FLEET_SYSTEMS if each.has_all_ports] + DIAGRAMS
-"""Classes and functions with a port block in their docstring, each with a function that makes a complete example."""
+"""Classes and functions with a `pydrake_system` block in the docstring, each with a function that makes an example."""

@@ -1,4 +1,4 @@
-"""Tests of every system: port block in the docstring, scalar conversion, resets, defaults and unconnected inputs."""
+"""Tests of every system: its `pydrake_system` block, scalar conversion, resets, defaults and unconnected inputs."""
 
 import gc
 import importlib
@@ -62,7 +62,7 @@ def test_the_examples_include_every_system():
 
 
 def documented_ports(docstring):
-    """Return the port names in the port block of a docstring, by direction ("input" or "output")."""
+    """Return the port names in the `pydrake_system` block of a docstring, by direction ("input" or "output")."""
     block = docstring.split(".. pydrake_system::")[1]
     ports = {}
     for direction in ("input", "output"):
@@ -91,17 +91,17 @@ def test_a_constructor_has_the_signature_of_its_declare_method(example):
 
 
 @systems
-def test_the_port_block_of_a_docstring_lists_all_ports(documented, make):
+def test_the_pydrake_system_block_of_a_docstring_lists_all_ports(documented, make):
     assert documented_ports(documented.__doc__) == ports_of(make())
 
 
 @examples
-def test_the_port_block_of_a_system_names_its_class(example):
+def test_the_pydrake_system_block_in_the_docstring_of_a_system_names_its_class(example):
     assert re.search(r"name: (\w+)", example.system.__doc__)[1] == example.system.__name__
 
 
 @pytest.mark.parametrize(("documented", "make"), DIAGRAMS, ids=name_of)
-def test_a_diagram_has_the_name_in_its_port_block(documented, make):
+def test_a_diagram_has_the_name_in_the_pydrake_system_block_of_its_docstring(documented, make):
     assert make().get_name() == re.search(r"name: (\w+)", documented.__doc__)[1]
 
 
@@ -225,7 +225,7 @@ def test_an_autodiff_context_can_be_reset(example):
 
 @examples
 def test_parameters_and_states_are_copied_between_contexts_unchanged(example):
-    """`get_parameter` returns records of numbers for one vehicle, and records of arrays for a fleet."""
+    """The records from `get_parameter` and `get_state` can be passed to `set_parameter` and `set_state`."""
     system, other = example.make(), example.make_with(example.other_parameters)
     context, source = system.CreateDefaultContext(), other.CreateDefaultContext()
     assert len(system.parameters) == context.num_numeric_parameter_groups()
@@ -282,7 +282,7 @@ def test_a_deleted_system_leaves_no_garbage(documented, make):
 
 
 def loop_period(system, argument):
-    """Return the default of the scenario language for a period or time step of a system, s."""
+    """Return the default that the scenario language has for the period or time step of a system, s."""
     if system is AttitudeAutopilot:
         return AttitudeAutopilotModel.model_fields["period"].default
     if system in (MotionCapture, Sensor) or (system is LinearQuadraticGaussian and argument == "period"):

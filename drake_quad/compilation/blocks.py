@@ -68,7 +68,12 @@ class Block(ABC):
 
     @abstractmethod
     def output(self, index: int, view: BlockView) -> Rows:
-        """Return the rows of an output port, given its index and a view of the trace."""
+        """Return the components of the signal at an output port of this block.
+
+        Args:
+            index: index of the output port.
+            view: inputs, states and parameters of this block in a `Trace`.
+        """
 
     def feedthrough(self, index: int) -> Sequence[int]:
         """Return the indices of the input ports with direct feedthrough to an output port."""

@@ -147,7 +147,10 @@ class ClockedFleet:
         return self._record(*self._output_rows[name])
 
     def next_state(self, name: str) -> Any:
-        """Return the value of a monitor's state group after its next update, as a NamedTuple of (N,) arrays."""
+        """Return the value that the monitor's next update will give to its state group `name`.
+
+        The result is a NamedTuple of (N,) arrays.
+        """
         return self._record(*self._state_rows[name])
 
     def _record(self, first: int, layout: Layout) -> Any:
@@ -155,7 +158,7 @@ class ClockedFleet:
         return layout.build([*np.array(rows, order="C").reshape(len(rows), -1)[:, : self.num_vehicles]])
 
     def _log_rows(self, outputs: Sequence[str], monitor: str) -> tuple[_LogRows, _LogRows]:
-        """Return where the log contains each selected port, and each of the monitor's state groups."""
+        """Return the first row in the log, and the layout, of each output port and each state group of the monitor."""
         ports = []
         for name in outputs:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles

@@ -121,7 +121,10 @@ def _module(preparation: Part, event: Part, rows: Mapping[str, int], width: int,
 
 
 def _take_function(width: int, lanes: int) -> str:
-    """Return the LLVM code of `take`, which copies each vehicle's table row, selected by its clock, for one vector."""
+    """Return the LLVM code of the function `take`, which copies table rows for the vehicles of one vector.
+
+    The clock of each vehicle is the index of its table row.
+    """
     driver = Driver("internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline")
     with driver.loop("lane", 0, lanes):
         driver.at("clock_at", "clocks", "%lane", "i64")

@@ -15,9 +15,9 @@ from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Largest number of cached tables of shared values. When the cache is full, every flight computes its further tables.
+# Largest number of cached tables of shared values. When the cache is full, a new table replaces the oldest one.
 _MAX_TABLES = 256
-# Number of events in a table if the simulator requests one event at a time.
+# Number of events in each cached table of shared values if the simulator requests one event at a time.
 _TABLE_EVENTS = 64
 
 
@@ -75,13 +75,14 @@ class CompiledSystem(LeafSystem):
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
         # An event may span several instants only if no other system uses the intermediate results.
         is_alone = not program.row_ranges.inputs
-        strides, ports = None, tuple(self.recorded.values())
+        events, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
-            strides = program.strides(ports, self._instants)
-        if strides is None:
+            events = program.strides(ports, self._instants)
+        if events is None:
             self._declare_instants()
         else:
-            self._declare_strides(strides, ticks if len(strides) == 1 and is_alone and ticks is not None else 1)
+            ticks_per_event = ticks if len(events) == 1 and is_alone and ticks is not None else 1
+            self._declare_multi_instant_events(events, ticks_per_event)
         self._first = program.event_at(None)
         if self._first is not None:
             self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
@@ -99,7 +100,7 @@ class CompiledSystem(LeafSystem):
         self.program.write(diagram_context, state, parameters)
 
     def set_end(self, context: Context, time: float) -> None:
-        """Set the end of the simulation, s. Later events that simulate several ticks have no effect."""
+        """Set the end of the simulation, s. An event that simulates several ticks omits the ticks after this time."""
         context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
 
     def get_state(self, context: Context, path: str, name: str) -> Any:
@@ -175,8 +176,14 @@ class CompiledSystem(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(program.base, 0.0, step)
         self.DeclarePeriodicDiscreteUpdateEvent(program.base, 0.0, update)
 
-    def _declare_strides(self, events: Sequence[Event], ticks: int) -> None:
-        """Declare events that simulate several instants, or several ticks."""
+    def _declare_multi_instant_events(self, events: Sequence[Event], ticks: int) -> None:
+        """Declare periodic events that simulate several instants of the diagram each.
+
+        Args:
+            events: consecutive events, which are repeated periodically.
+            ticks: number of ticks that one event of Drake's simulator simulates. If it is larger than 1, `events` has
+                one element, which simulates one tick.
+        """
         instants = events[0].instants
         period = instants * self.program.base
 
@@ -214,7 +221,10 @@ class CompiledSystem(LeafSystem):
             parts.append(log)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """Return the shared values of consecutive events, from a cache that is filled for many events at once."""
+        """Return the table rows of `count` consecutive events: the values that all vehicles share.
+
+        The rows are cached, and are computed for `_TABLE_EVENTS` events at once if a single event is requested.
+        """
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
@@ -258,7 +268,7 @@ class CompiledSystem(LeafSystem):
         )  # an output is compiled when it is first evaluated
 
         def calc(context: Context, output: BasicVector) -> None:
-            # The event only logs the port and does not change the state.
+            # The event writes the value of the port to its log, and does not change the state.
             state = context.get_discrete_state(self._state).value()
             output.SetFromVector(self._run_now(logging_event(), context, state).ravel())
 

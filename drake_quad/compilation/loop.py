@@ -29,7 +29,7 @@ class Loop:
         changes: symbol or number that each changed row of the state receives, by row index.
         logged: symbols or numbers that every event writes to the log.
         sizes: number of rows in each group.
-        width: number of values that all vehicles share in an event.
+        width: number of columns in the table of the values that all vehicles share; each event has one row.
         single_vehicle: True for machine code that computes only one vehicle.
 
     Attributes:

@@ -9,7 +9,8 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Group numbers of the precomputed results and of the log, which follow the group numbers in `trace.py`.
+# Numbers that identify two groups of rows: the precomputed results, and the log. They follow the numbers of the groups
+# `STATE`, `PARAMETERS` and `INPUTS` in `trace.py`.
 PRECOMPUTED = 3
 LOG = 4
 # Size of a cache line of the processor, bytes. Array addresses are multiples of this size.
@@ -20,7 +21,7 @@ EVENT = "@event(ptr %state, ptr %inputs, ptr %precomputed, ptr %shared, ptr %log
 
 
 class PartSizes(NamedTuple):
-    """Number of rows in each group that a listing reads.
+    """Number of rows in each group of rows that the operations of an event read.
 
     Attributes:
         state: number of rows of the state.
@@ -34,11 +35,11 @@ class PartSizes(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Part of an event.
+    """One of the two parts of an event.
 
     Attributes:
-        listing: operations of this part.
-        stores: group and row to which each result is written, and the result.
+        listing: list of the operations of this part.
+        stores: for each result of this part, its destination (number of a group, index of a row) and its symbol.
     """
 
     listing: Listing
@@ -93,7 +94,9 @@ class Results(NamedTuple):
 
 
 def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
-    """Split a listing into the operations that depend only on parameters, and the rest, which reads their results.
+    """Split the operations of an event into those that depend only on parameters, and all others.
+
+    The second part reads the results of the first part.
 
     Args:
         listing: operations of an event, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
@@ -104,7 +107,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
     fixed = _are_fixed(listing)
     preparation = _Copy(listing)
     rest = _RemainingPart(listing, fixed, preparation)
-    # Operands are copied before the lines that use them, which avoids deep recursion.
+    # A line is copied after the lines that compute its operands. Copying a line therefore never recurses deeply.
     for line in _required_lines(listing, lines):
         if not fixed[line]:
             rest.line(line)

@@ -205,7 +205,7 @@ class Program:
         for instants in (each for each in range(max_instants, 0, -1) if max_instants % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
-                event = self._stride(first, instants, () if first % max_instants else recorded)
+                event = self._multi_instant_event(first, instants, () if first % max_instants else recorded)
                 if event is None:
                     break
                 events.append(event)
@@ -213,7 +213,7 @@ class Program:
                 return events
         return None
 
-    def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
+    def _multi_instant_event(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
         """Return an event over several instants; None if it would read external inputs after the first instant."""
         trace, shared = self._trace(instants)
         logged = _rows(trace, recorded)
@@ -224,7 +224,10 @@ class Program:
         return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
 
     def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
-        """Trace the time from just after the discrete updates at `first` to just before those `instants` later."""
+        """Trace the events that follow the discrete updates at the instant `first`.
+
+        The trace ends just before the discrete updates at the instant `first + instants`.
+        """
         for instant in range(first + 1, first + instants + 1):
             trace.next_instant()
             trace.advance(self.updates(instant % self.cycle, unrestricted=True))
@@ -234,25 +237,25 @@ class Program:
     def tick_loop(
         self, instants: int, logged_ports: tuple[Port, ...], monitor: str
     ) -> tuple[ClockedLoop, SharedValues]:
-        """Return the machine code of a tick for vehicles with individual clocks, and the columns of its table.
+        """Return the machine code of a tick for vehicles with individual clocks, and its columns of shared values.
 
         At the end of a tick, the log contains the rows of the ports, followed by the monitor's next state in the order
         of its state groups.
 
         Args:
-            instants: number of instants in a tick, which must be a whole cycle.
+            instants: number of instants in a tick; it must equal the number of instants in a cycle of the diagram.
             logged_ports: output ports whose values are logged.
             monitor: path of the system whose next state is logged.
 
         Raises:
-            InputError: if a period of the diagram is longer than a tick, or the diagram has an unrestricted update at
+            InputError: if a tick is shorter than a cycle of the diagram, or the diagram has an unrestricted update at
                 time zero.
         """
         name = self.diagram.get_name()
         if instants != self.cycle:
             raise InputError(
-                f"vehicles of {name} cannot have individual clocks: a period of the diagram is longer than a tick of"
-                f" {instants * self.base:g} s"
+                f"vehicles of {name} cannot have individual clocks: the events of the diagram must repeat in every tick"
+                f" of {instants * self.base:g} s, but repeat only every {self.cycle * self.base:g} s"
             )
         if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
             raise InputError(

@@ -22,15 +22,18 @@ class SharedValueSource(NamedTuple):
     element: int
 
 
-class _Second(NamedTuple):
-    """Shared value that is 1 if an instant is the second tick of a pair (see `Tick`), else 0."""
+class _SecondOfPair(NamedTuple):
+    """Shared value that is 1 if an instant is the second of the two ticks of a pair, else 0.
+
+    Random streams number ticks in pairs; see `Tick`.
+    """
 
     ticks: CurrentTick
 
 
 # A shared value is the time, the number of a pair of ticks, the position of a tick in its pair (see `Tick`), or an
 # element of a port.
-_SharedValue = str | CurrentTick | _Second | SharedValueSource
+_SharedValue = str | CurrentTick | _SecondOfPair | SharedValueSource
 TIME_VALUE = "time"
 """Shared value that is the time of the instant, s."""
 
@@ -57,10 +60,10 @@ class SharedValues:
 
     def second(self, instant: int, ticks: CurrentTick) -> int:
         """Return the index of the column that is 1 where the instant is the second tick of a pair, else 0."""
-        return self.column(instant, _Second(ticks))
+        return self.column(instant, _SecondOfPair(ticks))
 
     def table(self, times: np.ndarray, values: Callable[[str, int, float], np.ndarray]) -> np.ndarray:
-        """Return the table, an array (events, width).
+        """Return the table of the shared values of several events, an array (events, width).
 
         Args:
             times: (events, instants) times of the instants, s.
@@ -86,6 +89,6 @@ def _values_at(number: Any, times: np.ndarray) -> np.ndarray:
     match number:
         case CurrentTick():
             return np.asarray(number.at(times).pair)  # type: ignore[arg-type]
-        case _Second(ticks=ticks):
+        case _SecondOfPair(ticks=ticks):
             return np.asarray(ticks.at(times).second, dtype=float)  # type: ignore[arg-type]
     return times

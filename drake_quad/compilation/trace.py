@@ -13,7 +13,7 @@ from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, CurrentTick, Tick
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
-# Components of a port, state or parameter; each of these rows is a symbol or a number.
+# List of the components of a port, state group or parameter. A component is called a row, and is a symbol or a number.
 Rows = list[Any]
 # Numbers of the groups of rows that a listing reads: state, parameters and external inputs.
 STATE, PARAMETERS, INPUTS = range(3)
@@ -70,7 +70,7 @@ class Trace:
         self._outputs: dict[Port, Rows] = {}
 
     def output(self, port: Port) -> Rows:
-        """Return the rows of an output port of a leaf system."""
+        """Return the components of the signal at a leaf system's output port."""
         if port in self._row_ranges.inputs:
             return self._input(port)
         if port not in self._outputs:
@@ -118,8 +118,8 @@ class Trace:
     def tick(self, ticks: CurrentTick) -> Tick:
         """Return the tick at the current instant.
 
-        If the event consists of whole pairs of ticks, the position of a tick in its pair is a constant, and both ticks
-        use the same shared value for the pair number.
+        If the event contains an even number of ticks, each tick has the same position in its pair in every event, so
+        the position is a constant. The two ticks of a pair then use one shared value, the number of the pair.
         """
         step = round(ticks.period / self._base)
         on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
@@ -131,24 +131,24 @@ class Trace:
         return Tick(untyped(number), untyped(second == 1.0))
 
     def state(self, path: str, group: int) -> Rows:
-        """Return the current rows of a state group of a leaf system."""
+        """Return the components of a state group of a leaf system at the current instant."""
         if (path, group) not in self._states:
             return self._rows(STATE, self._row_ranges.states[path, group])
         return self._states[path, group]
 
     def parameter(self, path: str, index: int) -> Rows:
-        """Return the rows of a parameter of a leaf system."""
+        """Return the components of a parameter of a leaf system."""
         return self._rows(PARAMETERS, self._row_ranges.parameters[path, index])
 
     def input(self, port: Port) -> Rows | None:
-        """Return the rows at an input port of a leaf system; None if the port is not connected."""
+        """Return the components of the signal at a leaf system's input port; None if the port is not connected."""
         source = self._topology.source(port)
         if source is None or isinstance(source, Port):
             return None if source is None else self.output(source)
         return self._input(source)
 
     def required_input(self, port: Port) -> Rows:
-        """Return the rows at an input port of a leaf system.
+        """Return the components of the signal at a leaf system's input port.
 
         Raises:
             InputError: if the port is not connected.
@@ -180,11 +180,11 @@ class BlockView(NamedTuple):
     path: str
 
     def input(self, index: int) -> Rows | None:
-        """Return the rows at an input port of the block; None if the port is not connected."""
+        """Return the components of the signal at the block's input port; None if the port is not connected."""
         return self.trace.input(Port(self.path, index))
 
     def required_input(self, index: int) -> Rows:
-        """Return the rows at an input port of the block.
+        """Return the components of the signal at the block's input port.
 
         Raises:
             InputError: if the port is not connected.
@@ -192,11 +192,11 @@ class BlockView(NamedTuple):
         return self.trace.required_input(Port(self.path, index))
 
     def state(self, group: int) -> Rows:
-        """Return the current rows of a state group of the block."""
+        """Return the components of a state group of the block at the current instant."""
         return self.trace.state(self.path, group)
 
     def parameter(self, index: int) -> Rows:
-        """Return the rows of a parameter of the block."""
+        """Return the components of a parameter of the block."""
         return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:
@@ -204,5 +204,5 @@ class BlockView(NamedTuple):
         return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:
-        """Return an element of an output port of the block that depends only on time."""
+        """Return an element of the block's output port. The value of the port must depend only on time."""
         return self.trace.shared(SharedValueSource(self.path, output, element))

@@ -98,7 +98,10 @@ def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | No
 
 
 def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> str:
-    """Return a text on how a network changes the tolerated delay in each family, if there are flights."""
+    """Return a text on how adding a network to a controller changes the tolerated delay in each family.
+
+    The text is empty if no family contains results of both controllers.
+    """
     both = {name: traits for name, traits in evaluation.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_text(traits[base].delay_flown)} to {delay_text(traits[network].delay_flown)} ({name})"
@@ -127,7 +130,8 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
         statement,
         f"reduction of the RMSE: {proportions_text(reductions)}{_crash_text(compared)}",
         verdict_from_conditions([_is_error_smaller(each) for each in compared.values()]),
-        "holds if the error is smaller, without more crashes, in every laboratory; in part if in some",
+        "holds if the error is smaller, without more crashes, in every laboratory; holds in part if this is true in at"
+        " least one",
     )
 
 
@@ -164,7 +168,7 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
         f" by {reduction(gained.ratio).percent()} than without the network in the same lap"
         f"{_crash_text({'compared with the first lap': learned, 'compared with no network': gained})}",
         verdict_from_conditions([_is_error_smaller(learned), _is_error_smaller(gained)]),
-        "holds if both reductions are above zero, without more crashes; in part if one of them is",
+        "holds if both reductions are above zero, without more crashes; holds in part if one of them is",
     )
 
 
@@ -198,7 +202,8 @@ def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
         "a larger stability margin costs accuracy",
         "; ".join(parts),
         verdict_from_conditions(conditions),
-        "holds if every design has a smaller error than the design with the next larger margin; in part if some have",
+        "holds if every design has a smaller error than the design with the next larger margin; holds in part if at"
+        " least one has",
     )
 
 

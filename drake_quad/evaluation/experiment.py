@@ -147,7 +147,11 @@ def _jobs(
     only: Sequence[str] | None,
     user_controllers: Sequence[UserController],
 ) -> Iterator[Job]:
-    """Yield the jobs of a family: the flights of each controller, flights of laps, and flights of `fly_priced`."""
+    """Yield the jobs of a family.
+
+    There is one job for each controller. The family with the laboratory `LAPS_LABORATORY` has two more: flights over
+    several laps, and flights of the designs with other limits on the peak sensitivity (see `fly_priced`).
+    """
     family, designs = FAMILIES[name], read_designs(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
     for entry in entries:
@@ -171,7 +175,7 @@ def fly_family(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         controller: name of the controller in the family's file.
         sizes: sizes of the evaluation.
 
@@ -199,7 +203,7 @@ def fly_controller(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         controller: controller to fly.
         sizes: sizes of the evaluation.
         base: controller without the network, whose margins are returned; by default, the controller itself.
@@ -251,7 +255,7 @@ def fly_laps(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """
@@ -273,9 +277,11 @@ def fly_priced(
 ) -> Iterator[Result]:
     """Fly controllers that were designed with different limits on the peak sensitivity.
 
+    The flights show the price of a stability margin: by how much a stricter limit increases the tracking error.
+
     Args:
         diagrams: folder of the shipped scenarios.
-        family: laboratories of this family.
+        family: family of laboratories.
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """
@@ -355,7 +361,14 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 class CertifiedScales(NamedTuple):
-    """Result of a robustness certificate: scales of the parameter ranges, or why there is no certificate."""
+    """Result of a robustness certificate.
+
+    Attributes:
+        stable_scale: scale of the parameter ranges up to which hover is certified to be stable; NaN without a
+            certificate.
+        unstable_scale: smallest scale at which an unstable loop was found; NaN without a certificate.
+        not_certified: reason why there is no certificate; empty if there is one.
+    """
 
     stable_scale: float
     unstable_scale: float
@@ -366,9 +379,11 @@ NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out i
 
 
 def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:
-    """Return the scales of the parameter ranges between which hover becomes unstable, or why there is no certificate.
+    """Return the result of a robustness certificate, or the reason why there is no certificate.
 
-    Certificates are cached on the disk, since each takes 20 to 80 s.
+    The result has two scales of the parameter ranges: one at which hover is stable for all parameters in the scaled
+    ranges, and a larger one at which hover is unstable for some of them. Certificates are cached on the disk, since
+    each takes 20 to 80 s.
 
     Args:
         scenario: scenario with the controller.

@@ -16,7 +16,7 @@ FIRST_EVALUATION_SAMPLE = 1000
 
 
 class LaboratoryFamily(NamedTuple):
-    """Laboratories for which a controller has one design.
+    """Family of laboratories, in all of which a controller has the same design.
 
     Attributes:
         laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.

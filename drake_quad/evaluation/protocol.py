@@ -46,7 +46,7 @@ def tunable_entries(
     A network is omitted if its base controller is neither in the file nor among the chosen entries.
 
     Args:
-        family: laboratories of this family.
+        family: family of laboratories.
         path: path of the file with the family's designs.
         names: names of the chosen entries; all by default.
 
@@ -75,7 +75,7 @@ def design_family(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: laboratories of this family.
+        family: family of laboratories.
         entries: entries from `tunable_entries`.
         budget: budget of each search.
     """
@@ -131,9 +131,9 @@ def training_scenarios(diagrams: Path, family: LaboratoryFamily, layer: str, ent
 
     Args:
         diagrams: folder of the shipped scenarios.
-        family: laboratories of this family.
+        family: family of laboratories.
         layer: FILE:NAME of the controller.
-        entry: entry of the controller.
+        entry: description of the controller, which says whether it is trained in laps.
     """
     overrides = family.lap_overrides if entry.trained_in_laps else ()
     return [family.scenario(diagrams, each, [layer], overrides) for each in family.training_laboratories]
@@ -154,7 +154,10 @@ def previous_numbers(
 
 
 def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[DesignResult]:
-    """Design controllers with several limits on the peak sensitivity, and write them as `design_family` does."""
+    """Design controllers with several limits on the peak sensitivity, and write them as `design_family` does.
+
+    The designs show the price of a stability margin: by how much a stricter limit increases the tracking error.
+    """
     family = FAMILIES[FAMILY_OF[PRICED_LABORATORY]]
     path = design_file(diagrams, PRICED_DESIGNS)
     entries = controller_entries(on_board=family.on_board, maps=False)

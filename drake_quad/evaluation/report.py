@@ -47,7 +47,7 @@ _MEAN_COLUMNS = {
 }
 
 
-# Fields of `Claim` by the headings of their columns in the file answers.csv, and below in the report.
+# Columns of the tables of claims, in the file answers.csv and in the report: heading and field of `Claim`.
 _FILE_COLUMNS = {"statement": "statement", "verdict": "verdict", "evidence": "evidence", "rule": "rule"}
 _REPORT_COLUMNS = {"claim": "statement", "evidence": "evidence"}
 

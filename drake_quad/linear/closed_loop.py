@@ -73,10 +73,10 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Return the closed loop from offsets on the command link's signals to the signals with their offsets.
+    """Return the closed loop with an offset that is added to each signal on the command link.
 
-    The inputs of the system are `injection.0`, `injection.1`, ..., and its outputs are `injected.0`, `injected.1`, ...,
-    one for each component of the command.
+    The inputs of the linear system are the offsets `injection.0`, `injection.1`, ..., one for each component of the
+    command. The outputs `injected.0`, `injected.1`, ... are the sums of signal and offset.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -135,7 +135,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 
 def _in_equilibrium(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """Move a context to the nearest equilibrium, and return the linear system there, over a period (s)."""
+    """Move a context to the nearest equilibrium, and return the loop linearised over one period (s) at this point."""
     settle(diagram, context, period)
     layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     for _ in range(_MAX_NEWTON_STEPS):

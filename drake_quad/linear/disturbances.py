@@ -48,13 +48,13 @@ class DisturbanceSamples(NamedTuple):
 
 
 class DisturbanceStatistics(NamedTuple):
-    """Statistics of a disturbance: a constant part of each flight, and a fluctuating rest.
+    """Statistics of a disturbance, which is the sum of its mean over a flight and its fluctuation around this mean.
 
     Attributes:
-        mean: root mean square, over flights, of the part that is constant during a flight.
-        deviation: standard deviation of the fluctuating rest.
+        mean: root mean square, over flights, of the mean over a flight.
+        deviation: standard deviation of the fluctuation.
         time: time constant of second-order, critically damped noise whose autocorrelation falls to 1/2 at the same lag
-            as the autocorrelation of the fluctuating rest, s.
+            as the autocorrelation of the fluctuation, s.
     """
 
     mean: float
@@ -81,7 +81,8 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
-    # At given rotor speeds, throttle curve, battery and slung load cause no disturbing acceleration.
+    # The rotor speeds are given, so throttle curve and battery have no effect. The slung load is not treated as a
+    # disturbance.
     effects = fleet.vehicle.effect_parameters()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = rotor_state(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]

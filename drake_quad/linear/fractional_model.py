@@ -19,29 +19,36 @@ import scipy
 
 from drake_quad.linear.structured_singular_value import Block, PeakBound, peak_mu_bound
 
-_RANK_TOLERANCE = 3e-4  # smallest singular value of a realisation, relative to the largest one of all parameters
+# Smallest singular value that the realisation of a parameter contains, relative to the largest singular value of all
+# parameters.
+_RANK_TOLERANCE = 3e-4
 _RIDGE = 1e-3  # regularisation of the fit of mixed terms, relative to the norm of its equations
-_ERROR_TOLERANCE = 1e-2  # relative to the largest singular value of the errors; smaller ones are not modelled
+# Smallest singular value of the errors that is modelled, relative to their largest singular value.
+_ERROR_TOLERANCE = 1e-2
 _MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
 _ERROR_FACTOR = 1.5  # factor on the errors at the fitted points, since errors between these points may be larger
-_MAX_CORNERS = 64  # largest number of corners of the box in a fit
+_MAX_CORNERS = 64  # largest number of corners of the parameter box [-1, 1]ᵏ to which a model is fitted
 STEPS = (-1.0, -0.5, 0.5, 1.0)
-"""Points on the axis of each parameter to which a model is fitted."""
+"""Values of each parameter ζ at which a model is fitted while all other parameters are zero."""
 
 
 class FractionalModel(NamedTuple):
-    """Linear fractional model of a loop, with an error matrix.
+    """Linear fractional model of the system matrix of a loop, as a function of k parameters ζ.
 
-    The exact loop is A(ζ) + U E V with an unknown matrix E, whose largest singular value is at most 1.
+    The system matrix is
+
+        A + L (I - Z N)⁻¹ Z R + U E V,    Z = diag(ζ₁ I, ..., ζ_k I)
+
+    The unknown matrix E represents the error of the model. Its largest singular value is at most 1.
 
     Attributes:
-        A: (n, n) system matrix at the centre.
-        L: (n, r) matrix.
-        N: (r, r) matrix.
-        R: (r, n) matrix.
-        sizes: numbers of rows of Z for each parameter, which sum to r.
-        U: (n, e) matrix.
-        V: (e, n) matrix.
+        A: (n, n) system matrix at ζ = 0.
+        L: (n, r) matrix L of the equation.
+        N: (r, r) matrix N of the equation.
+        R: (r, n) matrix R of the equation.
+        sizes: sizes of the k blocks of Z, which sum to r.
+        U: (n, e) matrix U of the equation.
+        V: (e, n) matrix V of the equation.
     """
 
     A: np.ndarray
@@ -65,7 +72,7 @@ class FractionalModel(NamedTuple):
         Args:
             tolerance: relative accuracy.
             stop: the search ends at a bound of at most this value.
-            limit: largest bound of interest; a larger one is infinite.
+            limit: largest bound of interest; if the bound is larger, the result is infinite.
 
         Raises:
             ArithmeticError: no bound can be proved.
@@ -79,7 +86,11 @@ class FractionalModel(NamedTuple):
         return peak_mu_bound(self.A, B, C, D, blocks, tolerance=tolerance, stop=stop, limit=limit)
 
     def strengths(self, omega: float) -> np.ndarray:
-        """Return the norms (k,) of the frequency responses from each parameter to itself, at ω (rad per sample)."""
+        """Return the strength (k,) of each parameter's effect at ω (rad per sample).
+
+        It is the norm of the frequency response, at ζ = 0, from the outputs of the parameter's block of Z to the inputs
+        of this block.
+        """
         response = self.R @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(self.A)) - self.A, self.L) + self.N
         ends = np.cumsum([0, *self.sizes])
         return np.array([np.linalg.norm(response[low:high, low:high]) for low, high in pairwise(ends)])
@@ -160,9 +171,14 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
 
 
 def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return matrices U (n, e) and V (e, n), so that each of the errors (K, n, n) is U E V with |E| at most 1."""
+    """Return matrices U (n, e) and V (e, n) such that each error is U E V with singular values of E of at most 1.
+
+    Args:
+        errors: (K, n, n) errors of the model at K points.
+    """
     n = errors.shape[1]
-    # Eigenvalues of the sums of E Eᵀ and Eᵀ E are the squares of the singular values of all errors side by side.
+    # The columns of U are left singular vectors of the matrix (n, K n) that contains all errors side by side. The rows
+    # of V are right singular vectors of the matrix (K n, n) that contains all errors one below the other.
     squares, left = np.linalg.eigh(np.einsum("kij,klj->il", errors, errors))
     other_squares, right = np.linalg.eigh(np.einsum("kji,kjl->il", errors, errors))
     s, t = (np.sqrt(np.maximum(each[::-1], 0.0)) for each in (squares, other_squares))
@@ -178,7 +194,18 @@ def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _mixed_blocks(
     mixed: np.ndarray, first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return blocks X and Y of N for which L₁ X R₂ + L₂ Y R₁ is nearest to a mixed derivative (n, n)."""
+    """Return the blocks of N that represent the product of two parameters ζ₁ and ζ₂.
+
+    The blocks X and Y minimise the difference between L₁ X R₂ + L₂ Y R₁ and the coefficient of ζ₁ ζ₂.
+
+    Args:
+        mixed: (n, n) coefficient of ζ₁ ζ₂ in the system matrix.
+        first: matrices L₁ and R₁ of the first parameter.
+        second: matrices L₂ and R₂ of the second parameter.
+
+    Returns:
+        Block X in the rows of the first parameter, and block Y in the rows of the second parameter.
+    """
     (L1, R1), (L2, R2) = first, second
     # The projection on orthonormal bases reduces the number of equations.
     left, right = np.linalg.qr(np.hstack([L1, L2]))[0], np.linalg.qr(np.vstack([R1, R2]).T)[0]

@@ -23,7 +23,9 @@ from drake_quad.scenario.models import Scenario
 
 _EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the state over a period in an equilibrium, in SI units
 _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
-_MIN_CONTRACTION = 0.1  # derivatives are computed again if a step reduces the state change by a smaller factor
+# Newton's method computes new derivatives if the state change over a period after a step exceeds this fraction of the
+# state change before the step.
+_MAX_CHANGE_RATIO = 0.1
 _STEP = 1e-3  # step of the finite differences in SI units, multiplied by the state if that is larger than 1
 _MAX_STEP = 1e4  # larger Newton steps, in SI units, result from a nearly singular matrix
 _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
@@ -32,8 +34,8 @@ _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a stat
 class HoverFleet:
     """Loops of a scenario in hover, as a function of some of its fields.
 
-    Thrust and torques of the rotors replace the rotor speeds as states, so that the axes of a symmetric vehicle are
-    decoupled.
+    The rows and columns of the rotor speeds in the system matrices are transformed to thrust and torques of the rotors,
+    so that the axes of a symmetric vehicle are decoupled.
 
     Args:
         resting: scenario of `at_rest` or `symmetric_hover`.
@@ -45,7 +47,8 @@ class HoverFleet:
         fields: paths of the fields.
         user_systems: functions that create the user's systems.
         period: sampling period of the loops, s.
-        states: names of the n states, known after the first call; for the rotors, of their speeds.
+        states: names of the n states, known after the first call. The states with the names of the four rotor speeds
+            are thrust and torques of the rotors.
     """
 
     def __init__(self, resting: Scenario, fields: Sequence[str], *, user_systems: UserSystems = UserSystems()) -> None:
@@ -105,11 +108,12 @@ def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np
         if not active.any():
             break
         # The derivatives are computed again only if the method converges slowly with the old derivatives.
-        if (largest > _MIN_CONTRACTION * before)[active].any():
+        if (largest > _MAX_CHANGE_RATIO * before)[active].any():
             matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
             matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
             new = np.linalg.inv(matrix)
-            # A saturated command does not depend on the state. The previous derivatives are then kept.
+            # If a command is saturated, it does not depend on the state, and the matrix is nearly singular. Such a loop
+            # keeps its inverse from an earlier step.
             regular = np.abs(_times(new, change)).max(axis=0) < _MAX_STEP
             inverse[regular] = new[regular]
         x[:, active] += _times(inverse, change)[:, active]

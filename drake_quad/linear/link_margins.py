@@ -23,7 +23,7 @@ from drake_quad.linear.structured_singular_value import Block, mu_bound
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_FEEDBACK = 1e-9  # |S - 1|; a signal with smaller values at all frequencies has no feedback
+_MIN_FEEDBACK = 1e-9  # a signal has no feedback if |S - 1| is smaller than this value at all frequencies
 # Number of grid frequencies in `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins
 # to 2e-4.
 _NUM_FREQUENCIES = 240
@@ -33,7 +33,14 @@ _NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neigh
 
 
 class FastLinkMargins(NamedTuple):
-    """Peaks of |1 / (1 + L)|, and delay margins (s), arrays (signals,) for the command link's signals with feedback."""
+    """Margins of the loops at the command link, from a fast computation.
+
+    A signal without feedback has no entry in the arrays.
+
+    Attributes:
+        sensitivity: (signals,) peaks of |1 / (1 + L)|.
+        delay: (signals,) delay margins, s.
+    """
 
     sensitivity: np.ndarray
     delay: np.ndarray
@@ -84,7 +91,7 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
 
 
 class JointDiskMargin(NamedTuple):
-    """Disk margin of all signals on the command link at once.
+    """Disk margin for simultaneous changes of all signals on the command link.
 
     All signals may change at the same time, each by its own factor in the disk of the margin α, see `Margins.disk`.
 
@@ -100,7 +107,7 @@ class JointDiskMargin(NamedTuple):
 
 
 def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> JointDiskMargin:
-    """Return the disk margin of a scenario's loops at the command link, all at once.
+    """Return the disk margin for simultaneous changes of all of a scenario's loops at the command link.
 
     The margin of a single loop is never smaller. The difference shows how much the loops act on each other (P. Seiler,
     A. Packard and P. Gahinet, "An introduction to disk margins", 2020). The arguments and errors are those of
@@ -113,7 +120,11 @@ def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, co
 
 
 def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
-    """Return the disk margin of a stable closed loop from offsets on the signals to the signals."""
+    """Return the disk margin for simultaneous changes of all signals.
+
+    Args:
+        loops: stable closed loop whose inputs are offsets on the signals, and whose outputs are the signals.
+    """
     blocks = [Block(1, is_real=False)] * len(loops.inputs)
     grid = frequencies(loops.period, points=_NUM_DISK_FREQUENCIES, lowest=_MIN_FREQUENCY)
     peak = 0.0
@@ -136,7 +147,7 @@ def _peaks(loops: SampledSystem, signals: np.ndarray, grid: np.ndarray, S: np.nd
     """Return the largest |S| of some signals, (signals,), refined around the largest value on a grid.
 
     Args:
-        loops: closed loop from an offset on each signal to the signals.
+        loops: closed loop whose inputs are offsets on the signals, and whose outputs are the signals.
         signals: indices of the signals.
         grid: (frequencies,) frequencies of the grid, rad/s.
         S: (signals, frequencies) sensitivity of these signals on the grid.

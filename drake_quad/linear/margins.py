@@ -14,7 +14,9 @@ _NUM_FREQUENCIES = 2000  # points of the grid, which ends at the Nyquist frequen
 _NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
 _NUM_DIVISIONS = 3  # number of refinements around a peak; the relative error of the peak is then about 1e-9
 _NUM_PEAKS = 8  # number of local maxima that are refined, largest first
-_MAX_NARROW_DECAY = 0.1  # per radian, largest decay of modes whose peaks the grid can miss
+# Largest ratio of decay rate to frequency of a narrow mode. The peak of a narrow mode may lie between two grid
+# frequencies.
+_MAX_NARROW_DECAY_RATIO = 0.1
 _MIN_INTEGRATOR_GAIN = 1e6  # smallest |L| at zero frequency of a loop with an integrator
 
 
@@ -199,7 +201,7 @@ def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
     poles = system.poles()
     poles = poles[poles.imag > 0.0]
     frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
-    narrow = decay < _MAX_NARROW_DECAY * frequency
+    narrow = decay < _MAX_NARROW_DECAY_RATIO * frequency
     frequencies_near = (
         frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _NUM_PARTS + 1))
     ).ravel()

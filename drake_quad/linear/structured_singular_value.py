@@ -32,10 +32,14 @@ _MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
 _CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
 _CENTER_WEIGHT = 0.05  # weight of the previous β² in the next one, so that the center remains strictly feasible
 _MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
-_CIRCLE_TOLERANCE = 1e-3  # eigenvalues at most this far from the unit circle count as frequencies; too many do no harm
-_NUM_FIRST_FREQUENCIES = 24  # frequencies at which scalings are computed before the gaps between them are covered
-_MAX_FREQUENCIES = 400  # largest number of frequencies at which scalings are computed
-_MIN_GAP = 1e-9  # rad, largest gap between covered intervals that counts as a rounding error
+# Largest distance from the unit circle of an eigenvalue that is treated as the end of an interval of frequencies. An
+# interval that is divided without need does no harm.
+_CIRCLE_TOLERANCE = 1e-3
+# Largest number of pole frequencies at which scalings are computed first.
+_NUM_FIRST_FREQUENCIES = 24
+# Largest number of further frequencies at which scalings are computed, until the bound holds at all frequencies.
+_MAX_FREQUENCIES = 400
+_MIN_GAP = 1e-9  # rad; a narrower gap between two intervals of frequencies is a rounding error
 
 
 class Block(NamedTuple):
@@ -105,7 +109,8 @@ def mu_bound(
         square = _smallest_square(M, D, G)
         found = MuBound(_value(square), D, G)
         if level == lowest:
-            # The center at the lowest level proves the bound in a wider interval of frequencies than other scalings.
+            # The search ends here, since no smaller bound is required. For `peak_mu_bound`, these scalings are better
+            # than scalings with a smaller bound, since they prove the required bound in a wider frequency interval.
             return found
         gain = best.value - found.value
         best = found if gain > 0.0 else best
@@ -116,12 +121,18 @@ def mu_bound(
 
 
 def _smallest_square(M: np.ndarray, D: np.ndarray, G: np.ndarray) -> float:
-    """Return the smallest β² that the scalings prove; negative if they prove any bound."""
+    """Return the square of the smallest bound β that the scalings D and G prove.
+
+    The result is negative if the inequality of D and G holds for β = 0. The scalings then prove every bound.
+    """
     return float(scipy.linalg.eigh(-_form(M, D, G, 0.0), D, eigvals_only=True)[-1])
 
 
 def _form(M: np.ndarray, D: np.ndarray, G: np.ndarray, level: float) -> np.ndarray:
-    """Return F = β² D - Mᴴ D M - j (G M - Mᴴ G) for the level β², which proves β if it is positive definite."""
+    """Return F = β² D - Mᴴ D M - j (G M - Mᴴ G) for the level β².
+
+    If F is positive definite, β is a bound of the structured singular value of M.
+    """
     GM = 1j * (G @ M)
     return level * D - M.conj().T @ D @ M - GM - GM.conj().T
 
@@ -149,7 +160,11 @@ class _Terms(NamedTuple):
 
     @staticmethod
     def of(elements: np.ndarray) -> "_Terms":
-        """Return the terms of the elements (k, r, r) of a basis."""
+        """Return the terms c E + (c E)ᴴ of all elements of a basis.
+
+        Args:
+            elements: (k, r, r) Hermitian matrices, the elements of the basis.
+        """
         owners, i, j = np.nonzero(np.triu(elements))
         count = len(owners)
         sums = scipy.sparse.csr_matrix((np.ones(count), (owners, range(count))), (len(elements), count))
@@ -181,7 +196,14 @@ class _Basis(NamedTuple):
     form_terms: _Terms
 
     def scalings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the scalings D and G (r, r) at coordinates (m + k,)."""
+        """Return the scalings D and G, given their coordinates in this basis.
+
+        Args:
+            x: (m + k,) coordinates of D, followed by those of G.
+
+        Returns:
+            D and G, (r, r) matrices.
+        """
         m = len(self.D)
         return np.tensordot(x[:m], self.D, 1), np.tensordot(x[m:], self.G, 1)
 
@@ -216,16 +238,17 @@ def _basis(blocks: tuple[Block, ...]) -> _Basis:
 def _center(x: np.ndarray, M: np.ndarray, basis: _Basis, level: float) -> np.ndarray:
     """Return the analytic center of F > 0 and D > 0 with a given sum of the traces of D and F / level.
 
-    The sum keeps G bounded, even if scalings prove any bound.
+    F is the matrix of `_form`. With a given sum of the traces, G remains bounded even if F > 0 for every level.
 
     Args:
-        x: (k,) strictly feasible coordinates of D and G.
+        x: (k,) coordinates of D and G with F > 0 and D > 0.
         M: (r, r) matrix.
         basis: basis of D and G.
         level: β², the weight of D in F.
     """
     m, k, r = len(basis.D), len(x), len(M)
-    # F = Xᴴ [-D, jG / β; -jG / β, D] X, so that derivatives of its log det follow from those of the matrix inside.
+    # F = Xᴴ [-D, jG / β; -jG / β, D] X with X = [M; β I]. The matrix in brackets is linear in the coordinates, and its
+    # elements are those of `basis.form_terms`, so `derivatives` also returns the derivatives of log det F.
     X = np.vstack([M, math.sqrt(level) * np.eye(r)])
     weights = np.where(np.arange(k) < m, 1.0, 1.0 / math.sqrt(level))
     traces = weights * basis.form_terms.derivatives(X @ X.conj().T)[0] / level
@@ -249,7 +272,8 @@ def _center(x: np.ndarray, M: np.ndarray, basis: _Basis, level: float) -> np.nda
         slopes, curvature = basis.D_terms.derivatives(np.linalg.inv(D))
         gradient[:m] -= slopes
         hessian[:m, :m] += curvature
-        # The equality constraint fixes the sum of the traces. A tiny regularisation allows directions without effect.
+        # The equality constraint fixes the sum of the traces. A tiny regularisation makes the system regular even if
+        # F and D do not depend on some combination of the coordinates.
         system = np.zeros((k + 1, k + 1))
         system[:k, :k] = hessian + 1e-12 * np.trace(hessian) / k * np.eye(k)
         system[k, :k] = system[:k, k] = traces
@@ -317,12 +341,17 @@ def peak_mu_bound(
     slack = 1.0 + 0.5 * tolerance
     A, scales = scipy.linalg.matrix_balance(A, permute=False, separate=True)
     B, C = B / scales[0][:, np.newaxis], C * scales[0]
+    # `level` is the bound to be proved. It increases until it holds at all frequencies. `gaps` are the intervals of
+    # frequencies at which it is not proved yet.
     gaps = [(0.0, math.pi)]
     level, peak = max(stop, _MIN_BOUND), (0.0, 0.0)
     found: list[MuBound] = []
 
     def prove(omega: float) -> None:
-        """Compute the bound at a frequency, and remove from `gaps` the frequencies where it proves the level."""
+        """Compute the bound at a frequency, and increase `level` if the bound is larger.
+
+        Frequencies at which the new scalings prove `level` are removed from `gaps`.
+        """
         nonlocal level, gaps, peak
         response = C @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(A)) - A, B) + D
         bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack, starts=found)
@@ -331,7 +360,8 @@ def peak_mu_bound(
         gaps = _without(gaps, _covered(A, B, C, D, bound, level))
 
     with single_threaded_blas():
-        # The largest bounds occur near poles. They are computed first, since their level holds at most frequencies.
+        # The largest bounds occur near the poles. They are computed first, since the largest of them then holds at
+        # most other frequencies.
         poles = np.linalg.eigvals(A)
         first = np.append(np.abs(np.angle(poles[np.abs(poles) > 0.2])), [0.0, math.pi])
         sizes = [np.linalg.norm(np.linalg.solve(np.exp(1j * w) * np.eye(len(A)) - A, B), 2) for w in first]
@@ -346,7 +376,8 @@ def peak_mu_bound(
             before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
             prove(0.5 * (low + high))
             if gaps == before:
-                # With real blocks, the level may be proved only in a short interval. A larger level makes it longer.
+                # With real blocks, the scalings at a frequency may prove `level` only in a very short interval around
+                # this frequency. A larger level is proved in a longer interval.
                 level *= 1.0 + 0.25 * tolerance
     raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
 
@@ -356,11 +387,14 @@ def _covered(
 ) -> list[tuple[float, float]]:
     """Return the intervals of [0, π] in which the scalings of a bound prove that μ is below a level.
 
-    At the ends of an interval, Mᴴ D M + j (G M - Mᴴ G) - level² D is singular. There z is an eigenvalue of a pencil
-    with the states x of M, the states of Mᴴ, and the input u.
+    M is the frequency response C (zI - A)⁻¹ B + D at z = exp(jω). At the end ω of an interval, the matrix
+    Mᴴ S M + j (G M - Mᴴ G) - level² S is singular, where S and G are the scalings. Then z is a generalised eigenvalue
+    of two matrices, which are formed from the equations of M and Mᴴ. Their unknowns are the state x of M, the state q
+    of Mᴴ, and the input u.
     """
     n, r = B.shape
-    # With y = C x + D u, the form is yᴴ v₁ + uᴴ v₂ with v₁ = S y - j G u and v₂ = j G y - level² S u.
+    # With the output y = C x + D u = M u, the quadratic form of the singular matrix is yᴴ v₁ + uᴴ v₂, where
+    # v₁ = S y - j G u and v₂ = j G y - level² S u.
     S, jG = bound.D, 1j * bound.G
     v1 = np.hstack([S @ C, S @ D - jG])
     v2 = np.hstack([jG @ C, jG @ D - level**2 * S])

@@ -173,7 +173,10 @@ def _of_motion(effects: Effects) -> Effects:
 def _at(
     trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
 ) -> tuple[Diagram, Context]:
-    """Return the vehicle with a continuous state and all its inputs in one port, at an operating point."""
+    """Return a diagram of the vehicle with a continuous state, and its context at an operating point.
+
+    The only input port of the diagram contains all inputs of the vehicle: rotor speeds, then wind.
+    """
     builder = DiagramBuilder()
     acting = _of_motion(effects)
     config = QuadrotorConfig(parameters, effects=acting)

@@ -47,10 +47,10 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
     slopes = "; ".join(f"{WINDS[wind]} {_range_text(each)}" for wind, each in over_slope.items())
     return Claim(
         "PD+T2FNN is 50 % better than PD",
-        f"reductions of {_range_text(reductions.values())} over winds and widths; at most {best.percent()} with another"
-        " λ, which is a fitted number",
+        f"reductions of {_range_text(reductions.values())} over winds and exponents; at most {best.percent()} with"
+        " another λ than the fitted one",
         verdict_from_conditions([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
-        "holds if all reductions are above 50 %; in part if some are, at least with another λ",
+        "holds if all reductions are above 50 %; holds in part if at least one is, with the fitted λ or another one",
         printed=f"Table II: {_span_text(_published_reductions(reductions, 'pd'), 100.0, '.0f')} %",
         details=f"{_listed_text(reductions)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
@@ -65,9 +65,10 @@ def judge_reduction_without_wind(experiment: Experiment) -> Claim:
     }
     return Claim(
         "without wind the error is about 43 % smaller",
-        f"{decrease.percent()}, which was fitted; other networks, not fitted: {_listed_text(other)}",
+        f"a reduction of {decrease.percent()}, which is the result of the fit; reductions by the other networks, which"
+        f" were not fitted: {_listed_text(other)}",
         "cannot be decided",
-        "cannot be decided, since free numbers were fitted to these two cells",
+        "cannot be decided, since two parameters were fitted to the errors of these two cells",
         printed=f"Table II: {pd:.3f} and {network:.3f} m, {100.0 * (1.0 - network / pd):.0f} %",
     )
 
@@ -86,9 +87,11 @@ def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
         f" {_range_text(over_noise)} with noise from 0 to 20 mm, {_range_text(mixed)} with q from 0.25 to 0.75, and"
         f" {only_upper.percent()} with q = 0, where only the upper memberships count",
         verdict_from_conditions([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
-        "holds if all reductions in wind are above 2 %; in part if some are, or with other noise or 0 < q < 1",
+        "holds if all reductions in wind are above 2 %; holds in part if at least one is, or a reduction with other"
+        " noise or with a q between 0 and 1",
         printed=f"Table II in wind: {_span_text(_published_reductions(windy, 'pd_t1fnn'), 100.0, '.0f')} %,"
-        f" from three runs each, which is not significant (in low wind, {_welch_text('pd_t1fnn', 'pd_t2fnn')})",
+        " from three runs each, a difference that is not significant (in low wind,"
+        f" {_welch_text('pd_t1fnn', 'pd_t2fnn')})",
         details=_listed_text(gains),
         figure="advantage",
     )
@@ -111,8 +114,9 @@ def judge_wider_under_noise(experiment: Experiment) -> Claim:
         f"wider sets have an error that is larger by {(-gains[0]).percent()} without position noise and by"
         f" {(-gains[-1]).percent()} with 20 mm, so noise reduces their disadvantage by {trend.percent()} of the error",
         verdict_from_conditions([gains[-1].is_above(0.0), trend.is_above(0.0)]),
-        "holds if noise favours the wider sets and they are better at 20 mm; in part if one of these is true",
-        printed=f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant"
+        "holds if noise favours the wider sets and they have a smaller error with 20 mm of noise; holds in part if one"
+        " of these is true",
+        printed=f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, a difference that is not significant"
         f" ({_welch_text(*_TYPE_2_CONTROLLERS)}); noise is not varied",
         details=f"the error with wider sets is larger by {text}; noise that adds equally to both errors would also make"
         " the relative difference smaller",
@@ -129,7 +133,7 @@ def judge_peak_without_wind(experiment: Experiment) -> Claim:
         "without wind the peak error falls from 1.3 to 0.8 m",
         f"{pd.metres()} and {network.metres()}, a reduction of {decrease.percent()}",
         verdict_from_conditions([decrease.is_above(0.38)], decrease.is_above(0.0)),
-        "holds if the peak falls by more than 38 %; in part if it falls at all",
+        "holds if the peak falls by more than 38 %; holds in part if it falls at all",
         printed="Fig. 9: about 1.3 and 0.8 m, 38 %",
     )
 
@@ -145,7 +149,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
         "in wind type 2 has smaller error peaks than type 1",
         f"peaks of type 2 minus those of type 1: {low.millimetres()} to {high.millimetres()}",
         verdict_from_conditions([(-each).is_above(0.0) for each in differences.values()]),
-        "holds if all differences are below zero; in part if some are",
+        "holds if all differences are below zero; holds in part if at least one is",
         printed="Figs 10 and 11, one run each",
         details=_listed_text(differences, Interval.millimetres),
     )
@@ -161,13 +165,14 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
     return Claim(
         "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
         f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of its value in"
-        f" the quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the"
-        " 1 s before",
+        f" the quarter after the climb; in the 1 s after a change of segment, it is {back.percent()} of its value in"
+        " the 1 s before",
         verdict_from_conditions([(-fade).is_above(-0.5), back.is_above(1.0)]),
-        "holds if the first percentage is below 50 % and the second above 100 %; in part if one of these is true",
+        "holds if the first percentage is below 50 % and the second above 100 %; holds in part if one of these is true",
         printed="Figs 12 and 13, one run",
-        details=f"RMS in the last quarter relative to the quarter after the rise: {_listed_text(fades)}; RMS after a"
-        f" change of segment relative to the RMS before it: {_listed_text(returns)}",
+        details="RMS of the PD's output in the last quarter of a flight, relative to the quarter after the climb:"
+        f" {_listed_text(fades)}; RMS of the PD's output in the 1 s after a change of segment, relative to the 1 s"
+        f" before: {_listed_text(returns)}",
     )
 
 
@@ -187,7 +192,7 @@ def judge_least_effort(experiment: Experiment) -> Claim:
         "the PD costs the least effort",
         f"the networks need {low.ratio()} to {high.ratio()} times the PD's effort",
         verdict_from_conditions([each.is_above(1.0) for each in fractions.values()]),
-        "holds if all ratios are above 1; in part if some are",
+        "holds if all ratios are above 1; holds in part if at least one is",
         printed=f"Table II: the networks need {_span_text(printed, 1.0, '.1f')} times the PD's effort",
         details=text,
     )
@@ -207,7 +212,7 @@ def judge_insensitive_to_wind(experiment: Experiment) -> Claim:
             [(-each).is_above(-0.02) for each in rises.values()],
             *((-each).is_above(-0.1) for each in rises.values()),
         ),
-        "holds if all errors increase by less than 2 %; in part if some increase by less than 10 %",
+        "holds if all errors increase by less than 2 %; holds in part if at least one increases by less than 10 %",
         printed="Table II, without wind, in low and in high wind: "
         + "; ".join(f"{CONTROLLERS[name]} {_published_levels_text(name)} m" for name in ("pd", "pd_t2fnn")),
         details=_listed_text(rises),
@@ -236,7 +241,7 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
         f" and with the gains for curves the command varies {variation_ratio.ratio()} times as much on straight lines",
         verdict_from_conditions([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
         "holds if the gains for straight lines have a larger error on curves, and the command varies more with the"
-        " gains for curves; in part if one of these is true",
+        " gains for curves; holds in part if one of these is true",
         printed="a statement without numbers",
     )
 
@@ -254,7 +259,7 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
         f" and {typical[1].ratio()} times with PD+T2FNN; the best errors are {best[0].metres()} and {best[1].metres()}",
         verdict_from_conditions([more.is_above(0.0), network.is_above(0.5)]),
         "holds if more gains are within 20 % of the best with the network than with the PD, and more than 50 % of the"
-        " gains are; in part if one of these is true",
+        " gains are; holds in part if one of these is true",
         printed="a statement without numbers",
         details=f"{_grid_text(experiment.maps['pd'])}; at least one sample crashes with"
         f" {_num_settings_with_crash(experiment.maps['pd'])} of these gains for the PD, and with"

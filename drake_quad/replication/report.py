@@ -197,7 +197,7 @@ def _calibration_fields() -> dict[str, str]:
         rows.append((wind, CONTROLLERS[cell.controller], number_or_dash(line.rmse.mean), *ours))
     for name, (label, _, *free) in HYPOTHESES.items():
         values = (fitted[name, *PD_CELL][column][0] for column in ("pd_number", "network_number"))
-        texts = (f"{number.label} {value:.4g}" for number, value in zip(free, values, strict=True))
+        texts = (f"{number.label}: {value:.4g}" for number, value in zip(free, values, strict=True))
         numbers.append(f"- {label}: {'; '.join(texts)}.")
         predicted = [deviations[name, cell] for cell in published_table() if cell not in _FITTED_CELLS]
         spreads[f"spread_{name}"] = f"{100.0 * np.nanmin(predicted):+.1f} to {100.0 * np.nanmax(predicted):+.1f} %"

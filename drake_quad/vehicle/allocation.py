@@ -59,7 +59,7 @@ class RotorModel(NamedTuple):
 
 
 class AllocationOutput(NamedTuple):
-    """Result of an allocation.
+    """Result of a control allocation to rotor speeds.
 
     Attributes:
         rotor_speed_command: rotor speeds that produce the wrench, or the part of it that the rotors can produce.
@@ -168,7 +168,11 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the feasible thrust that is nearest to `thrust` at the largest fraction of torque, and this fraction."""
+    """Return thrust and fraction of roll and pitch torque, if roll and pitch torque are chosen first.
+
+    The fraction is the largest feasible one. The thrust is the value nearest to `thrust` that is feasible with this
+    fraction.
+    """
     fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
         _interval(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
@@ -178,7 +182,11 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the nearest thrust that is feasible without torque, and the largest fraction of torque at this thrust."""
+    """Return thrust and fraction of roll and pitch torque, if the thrust is chosen first.
+
+    The thrust is the value nearest to `thrust` that is feasible without torque. The fraction is the largest one that is
+    feasible with this thrust.
+    """
     thrust_kept = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
         _Bound(bound.tilt, bound.lower - factor * thrust_kept, bound.upper - factor * thrust_kept)
@@ -196,13 +204,14 @@ _THRUST_AND_FRACTION: dict[Priority, Callable[..., tuple[Row, Row]]] = {
 def _thrust_and_fraction_bounds(
     squares: Sequence[_Square], tau_z: Row, low: Row, high: Row
 ) -> list[tuple[Row, _Bound]]:
-    """Return the bounds on thrust and fraction within which some yaw torque between zero and tau_z is feasible.
+    """Return bounds on the thrust and on the fraction of roll and pitch torque.
 
-    Each rotor gives a bound with the most favourable yaw torque for this rotor. Each pair of rotors gives a bound that
-    does not depend on the yaw torque.
+    Within these bounds, some yaw torque between zero and tau_z is feasible. Each rotor gives a bound with the most
+    favourable yaw torque for this rotor. Each pair of rotors gives a bound that does not depend on the yaw torque.
 
     Returns:
-        Factors and bounds of the inequalities lower <= factor * thrust + tilt * fraction <= upper.
+        List of pairs `(factor, bound)`, each of which is the inequality
+        `bound.lower <= factor * thrust + bound.tilt * fraction <= bound.upper`.
     """
     bounds = [(square.thrust, _Bound(square.tilt, *_widened(low, high, square.yaw * tau_z))) for square in squares]
     for one, other in combinations(squares, 2):
@@ -212,10 +221,11 @@ def _thrust_and_fraction_bounds(
 
 
 def _fraction_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
-    """Return the bounds on the fraction within which some thrust and some yaw torque between 0 and tau_z are feasible.
+    """Return bounds on the fraction of roll and pitch torque.
 
-    Each pair of rotors gives a bound that does not depend on the thrust, with the most favourable yaw torque for this
-    pair. Each triple of rotors gives a bound that depends on neither thrust nor yaw torque.
+    Within these bounds, some thrust and some yaw torque between zero and tau_z are feasible. Each pair of rotors gives
+    a bound that does not depend on the thrust, with the most favourable yaw torque for this pair. Each triple of rotors
+    gives a bound that depends on neither thrust nor yaw torque.
     """
     bounds = []
     for one, other in combinations(squares, 2):
@@ -250,12 +260,18 @@ def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
 
 
 def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
-    """Return the limits of a sum minus the contribution of yaw torque, which can be anything between zero and `yaw`."""
+    """Return the limits of the other terms of a sum, given the limits of the sum and the range of its yaw term.
+
+    Args:
+        lower: lower limit of the sum.
+        upper: upper limit of the sum.
+        yaw: the contribution of yaw torque to the sum may have any value between zero and this number.
+    """
     return lower - maximum(yaw, 0.0), upper - minimum(yaw, 0.0)
 
 
 def _max_fraction(bounds: Sequence[_Bound]) -> Row:
-    """Return the largest fraction in [0, 1] of roll and pitch torque."""
+    """Return the largest fraction of roll and pitch torque, at most 1, that satisfies all bounds."""
     fraction: Row = 1.0
     for tilt, lower, upper in bounds:
         room = where(tilt > 0.0, upper, -lower)
@@ -280,7 +296,7 @@ def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
 
 
 def _fitting_fraction(room: Row, demand: Row) -> Row:
-    """Return the fraction of a demand that fits into an available range, at most 1; 1 if the demand is zero."""
+    """Return the largest fraction of `demand`, at most 1, that is not larger than `room`; 1 if `demand` is zero."""
     room = room + _ZERO_DIVISION_OFFSET
     return room / maximum(demand, room)
 
@@ -349,12 +365,15 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
 
 
 def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the largest fraction of roll and pitch torque, and the feasible level nearest to the wanted level.
+    """Return the tuple (level, fraction), if roll and pitch torque are chosen first.
 
-    The result is the tuple (level, fraction). If the mean squared speed of two paired rotors is in the middle of its
-    range, the rotors can use half of the range for roll and pitch torque. This determines the fraction. The part of
-    this half that they do not use is the largest possible deviation of their mean (level + yaw or level - yaw) from the
-    middle.
+    Roll and pitch torque move the squared speeds of a pair of rotors apart, symmetrically about their mean. If the mean
+    is in the middle of the range of squared speeds, each speed can move by half of the range. This determines the
+    largest fraction of roll and pitch torque.
+
+    With this fraction, the mean of the pair (level + yaw for one pair, level - yaw for the other) may deviate from the
+    middle by the part of the half range that is left. The level is the value nearest to `wanted.level` for which some
+    yaw between zero and `wanted.yaw` satisfies these bounds.
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
@@ -368,9 +387,10 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
 
 
 def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the feasible level nearest to the wanted level, and the largest fraction at this level.
+    """Return the tuple (level, fraction), if the thrust is chosen first.
 
-    The fraction is limited such that some yaw between zero and the wanted yaw remains feasible.
+    The level is the value nearest to `wanted.level` that is feasible without torque. The fraction of roll and pitch
+    torque is the largest one with which some yaw between zero and `wanted.yaw` is feasible at this level.
     """
     level = minimum(maximum(wanted.level, low), high)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)

@@ -41,7 +41,7 @@ class IntegratedAttitude(Protocol):
         """Return the axes of B in W."""
 
     def rates(self, coordinates: Any, body_rates: BodyRates) -> Any:
-        """Return the rates of the coordinates, per second."""
+        """Return the time derivatives of the attitude's coordinates, 1/s."""
 
     def attitude(self, coordinates: Any) -> Attitude:
         """Return roll, pitch and yaw."""
@@ -60,9 +60,8 @@ class AttitudeKinematics(NamedTuple):
     integrated: Callable[[Attitude], IntegratedAttitude]
 
 
-# Largest arguments for which the polynomials `arctan(small=True)` and `arcsin(small=True)` are accurate.
-_MAX_TANGENT = 0.125
-_MAX_SINE = 0.5
+_MAX_TANGENT = 0.125  # largest argument for which the polynomial of `arctan(small=True)` is accurate
+_MAX_SINE = 0.5  # largest argument for which the polynomial of `arcsin(small=True)` is accurate
 
 
 class RotationSince(NamedTuple):

@@ -172,7 +172,8 @@ def body_derivatives(
         response: response of the attitude.
         effects: effects on the vehicle.
     """
-    # Body rates only affect the angular acceleration, which the response replaces.
+    # The body rates can be zero here. They affect only the angular acceleration, and the result takes the angular
+    # acceleration from the attitude response instead.
     motion = Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     body_accelerations, _ = accelerations(axes, motion, None, body.z, rotors, wind, parameters, effects)

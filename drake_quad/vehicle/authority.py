@@ -50,8 +50,8 @@ def _describe_missing(direction: np.ndarray) -> str:
         _, x, y, _ = direction
         size = np.copysign(np.hypot(x, y), x)
         return f"torque about the axis ({x / size:.2f}, {y / size:.2f}, 0), since its rotors are in a line"
-    # If the direction has several parts, for example thrust and yaw torque, all producible wrenches satisfy a linear
-    # relation between these parts, so the last part cannot be produced without the others.
+    # All producible wrenches are orthogonal to `direction`. If `direction` has several non-zero components, for example
+    # thrust and yaw torque, a wrench with only the last of them is therefore not producible.
     names = [name for name, part in zip(_WRENCH_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names
     if not others:

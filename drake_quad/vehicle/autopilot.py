@@ -64,10 +64,9 @@ class Gyroscope(NamedTuple):
 class NeglectedDrag(NamedTuple):
     """Drag that an attitude estimator neglects.
 
-    An estimator whose model contains no drag mistakes the drag force for a tilt. In flight at velocity v, the estimated
-    thrust direction is tilted less in the direction of flight than the true thrust direction. The difference is the
-    angle d v / g once the correction of the attitude by position measurements has settled. This correction has a
-    first-order lag.
+    A vehicle that flies at constant velocity leans forward, so that its thrust balances the drag. An estimator whose
+    model contains no drag underestimates this tilt. At velocity v, its error is the angle d v / g once the correction
+    of the attitude by position measurements has settled. This correction has a first-order lag.
 
     Attributes:
         tilt_per_speed: ratio d / g of the tilt error to the velocity.

@@ -134,12 +134,12 @@ class ThrottleModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters, curve: ThrustCurve) -> "ThrottleModel":
-        """Return the exact model of a vehicle with a thrust curve."""
+        """Return the exact model of the rotors of a vehicle, given its thrust curve."""
         return cls(RotorModel.of(parameters), mean_thrust_factor(parameters), curve)
 
 
 def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: ThrottleModel) -> RotorSpeed:
-    """Return the rotor speeds that an autopilot with an inexact model commands for given actual rotor speeds.
+    """Return the rotor speeds that an autopilot with an inexact model must command to obtain given actual rotor speeds.
 
     Args:
         speed: actual rotor speeds, within the limits of the autopilot.
@@ -152,7 +152,7 @@ def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: Thr
 
 
 class ThrottleAllocationOutput(NamedTuple):
-    """Result of an allocation.
+    """Result of a control allocation to throttles.
 
     Attributes:
         throttle_command: throttles that produce the wrench, or the part of it that the rotors can produce.

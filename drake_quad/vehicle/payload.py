@@ -24,7 +24,7 @@ from drake_quad.vehicle.rotors import Length
 
 
 class PayloadPosition(NamedTuple):
-    """Position of the payload's centre of mass relative to P."""
+    """Position of the payload's centre of mass relative to P, the centre of mass of the vehicle without payload."""
 
     x: Length
     y: Length

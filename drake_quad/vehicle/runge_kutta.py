@@ -7,7 +7,7 @@ from drake_quad.signals import Row
 
 
 class Step(NamedTuple):
-    """Step of the method.
+    """Step of the Runge–Kutta method.
 
     Attributes:
         stages: state at each of the four stages.

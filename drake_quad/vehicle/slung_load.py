@@ -91,11 +91,13 @@ def swing_from_rod(rod: Rod) -> Swing:
 
 
 def rod_force(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
-    """Return T q, the force of the rod on the vehicle in W, N.
+    """Return the force of the rod on the vehicle in W, N.
+
+    The force is T q, where T is the tension of the rod and q the direction from the vehicle to the load.
 
     Args:
-        force: force F in W, N.
-        rod: rod of the load.
+        force: force F on the vehicle in W, excluding its weight and the force of the rod, N.
+        rod: direction of the rod and rate of this direction.
         mass: mass m of the vehicle, kg.
         load: parameters of the load.
     """

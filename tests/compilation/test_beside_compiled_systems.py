@@ -234,13 +234,13 @@ def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flight
 
 
 @pytest.mark.slow
-def test_a_stateless_system_in_a_built_diagram_can_have_a_placeholder(scenario, plan):
-    """The original diagram keeps the system, and both diagrams can be simulated."""
-    wired = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
-    compiled = compile_diagram(wired)
+def test_a_placeholder_replaces_a_stateless_system_that_cannot_be_compiled_in_a_built_diagram(scenario, plan):
+    """The compiled diagram contains the placeholder. The original diagram keeps the system, and can be simulated."""
+    uncompiled = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
+    compiled = compile_diagram(uncompiled)
     shown = [system for system in compiled.GetSystems() if isinstance(system, SystemPlaceholder)]
     assert len(shown) == 2
-    simulators = [Simulator(diagram) for diagram in (wired, compiled)]
+    simulators = [Simulator(diagram) for diagram in (uncompiled, compiled)]
     for time in (0.0, 0.01, 0.02, 0.033, 0.2, 0.205):
         for simulator in simulators:
             simulator.AdvanceTo(time)
@@ -250,14 +250,14 @@ def test_a_stateless_system_in_a_built_diagram_can_have_a_placeholder(scenario, 
 
 
 @pytest.mark.parametrize("make", [PdWithIntegral, PdWithFilter, with_a_filter])
-def test_a_system_with_a_state_in_a_built_diagram_cannot_have_a_placeholder(scenario, plan, make):
-    wired = build_tracking_diagram(scenario, position_controller=make(), plan=plan)
+def test_a_built_diagram_with_a_stateful_system_that_cannot_be_compiled_is_refused(scenario, plan, make):
+    uncompiled = build_tracking_diagram(scenario, position_controller=make(), plan=plan)
     with pytest.raises(InputError, match=r"^control\.position.*, a \w+, cannot be compiled: only .*a state$"):
-        compile_diagram(wired)
+        compile_diagram(uncompiled)
 
 
 @pytest.mark.slow
-def test_a_system_that_can_be_compiled_needs_no_placeholder(scenario, plan):
+def test_a_system_that_can_be_compiled_is_not_replaced_by_a_placeholder(scenario, plan):
     """A position controller that declares formulas becomes part of the compiled system."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     pd = build_position_controller(ProportionalDerivative(parameters=gains))
@@ -268,7 +268,7 @@ def test_a_system_that_can_be_compiled_needs_no_placeholder(scenario, plan):
 
 @pytest.mark.slow
 def test_a_compiled_diagram_contains_the_system_behind_a_placeholder(scenario, plan):
-    """A user's diagram gets a placeholder if one of its systems cannot be compiled."""
+    """`as_compilable` returns a placeholder for a diagram if one of the diagram's systems cannot be compiled."""
     for make in (UserPd, with_a_filter):
         own = make()
         shown = as_compilable(own)

@@ -85,18 +85,18 @@ def uncompiled_and_compiled(connect, **options):
     return diagram, compile_diagram(diagram, **options)
 
 
-def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.04, 0.041, 0.1)):
-    simulators = [Simulator(diagram) for diagram in (wired, compiled)]
+def assert_same_ports(uncompiled, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.04, 0.041, 0.1)):
+    simulators = [Simulator(diagram) for diagram in (uncompiled, compiled)]
     for simulator in simulators:
         simulator.Initialize()
     for time in times:
         for simulator in simulators:
             simulator.AdvanceTo(time)
-        for number in range(wired.num_output_ports()):
+        for number in range(uncompiled.num_output_ports()):
             expected, actual = (
                 simulator.get_system().get_output_port(number).Eval(simulator.get_context()) for simulator in simulators
             )
-            assert_alike(actual, expected, f"{wired.get_output_port(number).get_name()} at {time} s")
+            assert_alike(actual, expected, f"{uncompiled.get_output_port(number).get_name()} at {time} s")
 
 
 def counters(builder, n, **structure):
@@ -114,6 +114,8 @@ def counters(builder, n, **structure):
     }
 
 
+# Keyword arguments of `Counter`: the defaults; an unrestricted update at time zero; another period of the discrete
+# update and of its ticks; and another period of the unrestricted update.
 COUNTER_STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
 
 
@@ -184,9 +186,9 @@ def drake_systems(builder, n):
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_supported_drake_systems_can_be_compiled(n):
-    wired, compiled = uncompiled_and_compiled(lambda builder: drake_systems(builder, n))
+    uncompiled, compiled = uncompiled_and_compiled(lambda builder: drake_systems(builder, n))
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
-    assert_same_ports(wired, compiled)
+    assert_same_ports(uncompiled, compiled)
 
 
 def refused(connect):
@@ -246,7 +248,7 @@ def test_a_port_that_is_not_vector_valued_is_refused(make):
 
 
 @fleet_system(float)
-class Publishes(FleetSystem):
+class DrakeMethodCounter(FleetSystem):
     """System with an update that is declared by a method of Drake instead of a formula."""
 
     def declare(self, when):
@@ -268,10 +270,11 @@ class Publishes(FleetSystem):
 def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(when):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
-        return {"memory": builder.AddNamedSystem("own", Publishes(when=when)).get_output_port()}
+        return {"memory": builder.AddNamedSystem("own", DrakeMethodCounter(when=when)).get_output_port()}
 
     assert refused(connect).startswith(
-        "own, a Publishes, cannot be compiled: it declares ports, states or events directly with Drake's methods. It "
+        "own, a DrakeMethodCounter, cannot be compiled: it declares ports, states or events directly with"
+        " Drake's methods. It "
     )
 
 
@@ -337,7 +340,7 @@ def test_periods_without_a_short_common_multiple_are_refused(period, sentence):
     assert refused(connect) == sentence
 
 
-def test_a_tick_that_does_not_match_the_periods_is_refused():
+def test_a_tick_that_does_not_divide_the_least_common_multiple_of_the_periods_is_refused():
     with pytest.raises(
         InputError, match=r"^small cannot be compiled with ticks of 0.03 s, which do not match its periods$"
     ):

@@ -103,7 +103,7 @@ def test_diagrams_whose_vehicles_cannot_have_individual_clocks_are_refused(windy
     ):
         fleet_of(windy_scenario, wind=PythonWind())
     slow = load_scenario("figure_eight", {"laboratory.motion_capture.period": 0.04})
-    with pytest.raises(InputError, match="a period of the diagram is longer than a tick of 0.02 s"):
+    with pytest.raises(InputError, match="must repeat in every tick of 0.02 s, but repeat only every 0.04 s"):
         fleet_of(slow)
     task = environment_scenario("figure_eight")
     with pytest.raises(InputError, match="control.policy of figure_eight is missing; give the file of a network"):

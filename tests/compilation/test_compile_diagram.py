@@ -24,21 +24,21 @@ def figure_eight(diagrams):
 
 
 @pytest.fixture(scope="module")
-def wired(figure_eight):
+def uncompiled(figure_eight):
     scenario, plan = figure_eight
     return build_tracking_diagram(scenario, plan=plan)
 
 
 @pytest.fixture(scope="module")
-def compiled(wired):
+def compiled(uncompiled):
     """Return the compiled diagram with a separate event for each tick."""
-    return compile_diagram(wired)
+    return compile_diagram(uncompiled)
 
 
 @pytest.fixture(scope="module")
-def strided(wired):
+def strided(uncompiled):
     """Return a compiled diagram that records its outputs and whose events simulate ten ticks each."""
-    return compile_diagram(wired, ticks=10, record=True)
+    return compile_diagram(uncompiled, ticks=10, record=True)
 
 
 def part_of(simulator):
@@ -57,15 +57,15 @@ def names_of(diagram):
     return inputs, [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
 
 
-def assert_equal_at(wired, compiled, context):
+def assert_equal_at(uncompiled, compiled, context):
     """Assert that two simulators have equal states and outputs; `context` is a context of the original diagram."""
-    diagram = wired.get_system()
+    diagram = uncompiled.get_system()
     system, part = part_of(compiled)
-    context.SetTime(wired.get_context().get_time())
+    context.SetTime(uncompiled.get_context().get_time())
     system.write(part, context)
-    assert_alike(state_of(context), state_of(wired.get_context()), "state")
+    assert_alike(state_of(context), state_of(uncompiled.get_context()), "state")
     for name in names_of(diagram)[1]:
-        expected = diagram.GetOutputPort(name).Eval(wired.get_context())
+        expected = diagram.GetOutputPort(name).Eval(uncompiled.get_context())
         assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
 
 
@@ -79,11 +79,11 @@ COMPLETE_SCENARIOS = [
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "n", "overrides"), COMPLETE_SCENARIOS)
 def test_state_and_outputs_agree_with_the_original_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
-    wired = build_tracking_diagram(asymmetric(name, *overrides), n)
-    compiled = compile_diagram(wired)
-    assert compiled.get_name() == wired.get_name()
-    assert names_of(compiled) == names_of(wired)
-    simulators, context = [Simulator(wired), Simulator(compiled)], wired.CreateDefaultContext()
+    uncompiled = build_tracking_diagram(asymmetric(name, *overrides), n)
+    compiled = compile_diagram(uncompiled)
+    assert compiled.get_name() == uncompiled.get_name()
+    assert names_of(compiled) == names_of(uncompiled)
+    simulators, context = [Simulator(uncompiled), Simulator(compiled)], uncompiled.CreateDefaultContext()
     for simulator in simulators:
         simulator.Initialize()
     for step in range(25):
@@ -145,15 +145,15 @@ def test_the_compiled_diagram_has_the_inputs_of_the_original():
             assert compiled.get_input_port(number).size() == diagram.get_input_port(number).size()
 
 
-def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(wired, compiled):
+def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(uncompiled, compiled):
     system = compiled_part(compiled)
-    contexts = [wired.CreateDefaultContext() for _ in range(2)]
+    contexts = [uncompiled.CreateDefaultContext() for _ in range(2)]
     part = system.CreateDefaultContext()
-    vehicle = subsystem(wired, ("laboratory", "vehicle"))
+    vehicle = subsystem(uncompiled, ("laboratory", "vehicle"))
     own = vehicle.GetMyMutableContextFromRoot(contexts[0])
     vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.7, r=-0.2))
     rng = np.random.default_rng(0)
-    pd = subsystem(wired, ("control", "position", "pd"))
+    pd = subsystem(uncompiled, ("control", "position", "pd"))
     gains = pd.GetMyMutableContextFromRoot(contexts[0]).get_mutable_numeric_parameter(0)
     gains.SetFromVector(rng.uniform(1.0, 2.0, gains.size()))
     system.read(part, contexts[0])
@@ -168,11 +168,11 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(wi
 
 
 @pytest.mark.slow
-def test_a_simulation_can_continue_from_any_state_with_any_parameters(wired, compiled):
+def test_a_simulation_can_continue_from_any_state_with_any_parameters(uncompiled, compiled):
     """The test starts with a moving, heavier vehicle and lower gains."""
-    simulators = [Simulator(wired), Simulator(compiled)]
+    simulators = [Simulator(uncompiled), Simulator(compiled)]
     context = simulators[0].get_mutable_context()
-    vehicle, pd = (subsystem(wired, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
+    vehicle, pd = (subsystem(uncompiled, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
     own = vehicle.GetMyMutableContextFromRoot(context)
     vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.2, v_y=0.3, yaw=0.4))
     gains = pd.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
@@ -182,16 +182,16 @@ def test_a_simulation_can_continue_from_any_state_with_any_parameters(wired, com
     for time in (0.0, 0.1, 0.203):
         for simulator in simulators:
             simulator.AdvanceTo(time)
-        assert_equal_at(*simulators, wired.CreateDefaultContext())
+        assert_equal_at(*simulators, uncompiled.CreateDefaultContext())
     assert system.get_state(part, "laboratory.vehicle", "state").y > 0.02
 
 
 def test_a_state_of_a_fleet_has_one_array_for_each_component(figure_eight):
     scenario, plan = figure_eight
-    wired = build_tracking_diagram(scenario, 3, plan=plan)
-    system = compiled_part(compile_diagram(wired, ticks=1))
+    uncompiled = build_tracking_diagram(scenario, 3, plan=plan)
+    system = compiled_part(compile_diagram(uncompiled, ticks=1))
     actual = system.get_state(system.CreateDefaultContext(), "laboratory.vehicle", "rotor_speed")
-    vehicle = subsystem(wired, ("laboratory", "vehicle"))
+    vehicle = subsystem(uncompiled, ("laboratory", "vehicle"))
     expected = vehicle.get_state(vehicle.CreateDefaultContext(), "rotor_speed")
     assert expected[0].shape == (3,)
     np.testing.assert_array_equal(actual, expected)
@@ -218,10 +218,10 @@ def test_reading_the_state_of_an_uncompiled_system_is_refused(compiled, path):
 
 
 @pytest.mark.slow
-def test_the_monitor_of_drakes_simulator_observes_the_same_flight(wired, compiled):
-    """The monitor is called at the same times, and ends the simulation at the same time."""
+def test_the_monitor_of_drakes_simulator_observes_the_same_flight(uncompiled, compiled):
+    """With the uncompiled and the compiled diagram, the monitor is called at equal times with equal states."""
     seen = []
-    for diagram in (wired, compiled):
+    for diagram in (uncompiled, compiled):
         simulator = Simulator(diagram)
         states = []
 
@@ -265,7 +265,7 @@ def test_nothing_is_recorded_before_the_first_tick(strided):
     }
 
 
-def test_a_simulation_cannot_begin_between_events_of_several_ticks(strided):
+def test_a_simulation_cannot_begin_between_two_events_if_each_event_simulates_several_ticks(strided):
     simulator = Simulator(strided)
     simulator.get_mutable_context().SetTime(0.1)
     with pytest.raises(InputError, match=r"cannot begin at 0.1 s, .* 10 ticks and .* 0.2 s apart"):
@@ -275,9 +275,9 @@ def test_a_simulation_cannot_begin_between_events_of_several_ticks(strided):
 
 
 @pytest.mark.slow
-def test_recorded_outputs_have_the_values_before_the_discrete_updates(wired, strided, compiled):
-    """Recorded values start at time zero, and are the same for events of one and of ten ticks."""
-    often = compile_diagram(wired, record=True)
+def test_recorded_outputs_have_the_values_before_the_discrete_updates(uncompiled, strided, compiled):
+    """Recorded values start at time zero, and do not depend on the number of ticks that an event simulates."""
+    often = compile_diagram(uncompiled, record=True)
     logs = []
     for diagram in (strided, often):
         simulator = Simulator(diagram)
@@ -285,14 +285,14 @@ def test_recorded_outputs_have_the_values_before_the_discrete_updates(wired, str
         system, part = part_of(simulator)
         assert system.tick == 0.02
         logs.append(system.log(part))
-    assert logs[0].keys() == logs[1].keys() == set(names_of(wired)[1])
+    assert logs[0].keys() == logs[1].keys() == set(names_of(uncompiled)[1])
     for name, values in logs[1].items():
         assert len(values) == 20
         np.testing.assert_array_equal(logs[0][name], values)
     # Between two ticks, all outputs keep the values of the first tick, except those of the moving vehicle.
-    simulator = Simulator(wired)
+    simulator = Simulator(uncompiled)
     simulator.AdvanceTo(0.3)
-    assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))
+    assert_alike(logs[1]["wrench"][15], uncompiled.GetOutputPort("wrench").Eval(simulator.get_context()))
 
 
 @pytest.mark.slow
@@ -331,6 +331,6 @@ def test_the_message_about_a_system_that_cannot_be_compiled_names_the_system(
     diagrams, figure_eight, overrides, options, sentence
 ):
     scenario = load_scenario(diagrams / "figure_eight.yaml", overrides)
-    wired = build_tracking_diagram(scenario, plan=figure_eight[1], **options)
+    uncompiled = build_tracking_diagram(scenario, plan=figure_eight[1], **options)
     with pytest.raises(InputError, match=sentence):
-        compile_diagram(wired)
+        compile_diagram(uncompiled)

@@ -27,7 +27,7 @@ def plan(study):
 
 
 @pytest.fixture(scope="module")
-def wired(study, plan):
+def uncompiled_metrics(study, plan):
     """Return the metrics of 1,000 samples in the uncompiled diagram."""
     return StudyFleet(study, plan, 1000, compiled=False).fly(range(1000))
 
@@ -38,10 +38,10 @@ def part(metrics, samples):
 
 @pytest.mark.long
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 1000])
-def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, plan, wired, n):
+def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, plan, uncompiled_metrics, n):
     samples = range(1000 - n, 1000)
     actual = StudyFleet(study, plan, n).fly(samples)
-    assert_metrics_alike(actual, part(wired, samples))
+    assert_metrics_alike(actual, part(uncompiled_metrics, samples))
 
 
 @pytest.mark.long
@@ -61,15 +61,15 @@ def test_flights_of_a_vehicle_alone_and_in_a_compiled_fleet_are_bitwise_equal(st
 
 
 @pytest.mark.slow
-def test_a_batch_of_samples_does_not_affect_the_next_one(study, plan, wired):
+def test_a_batch_of_samples_does_not_affect_the_next_one(study, plan, uncompiled_metrics):
     """The batches have different durations, and some have fewer samples than the fleet has vehicles."""
     fleet = StudyFleet(study, plan, 9)
     first = fleet.fly(range(9))
-    assert_metrics_alike(first, part(wired, range(9)))
-    assert_metrics_alike(fleet.fly([500, 20]), part(wired, [500, 20]))
+    assert_metrics_alike(first, part(uncompiled_metrics, range(9)))
+    assert_metrics_alike(fleet.fly([500, 20]), part(uncompiled_metrics, [500, 20]))
     short = fleet.fly(range(9), duration=0.1)
     assert not np.any(short.rmse == first.rmse)
-    assert_metrics_alike(fleet.fly(range(100, 109)), part(wired, range(100, 109)))
+    assert_metrics_alike(fleet.fly(range(100, 109)), part(uncompiled_metrics, range(100, 109)))
     for actual, expected in zip(fleet.fly(range(9)), first, strict=True):
         np.testing.assert_array_equal(actual, expected)
 
@@ -94,7 +94,7 @@ def test_a_reset_deletes_the_recorded_signals(study, plan):
 @pytest.mark.slow
 @pytest.mark.parametrize("duration", [0.02, 0.14, 2.0, 2.02])
 def test_a_flight_ends_at_its_last_tick(diagrams, duration):
-    """The last tick does not depend on the number of ticks in an event, which is 100 for a fleet."""
+    """The last tick does not depend on the number of ticks that an event simulates, which is 100 for a fleet."""
     study = load_scenario(diagrams / "figure_eight.yaml", [f"duration={duration}"])
     flights = assert_flown_alike(Batch.draw(study, [0, 1]))
     assert [flight.time[-1] for flight in flights] == [duration, duration]
@@ -146,8 +146,8 @@ class SlowPd(FleetSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.03, 0.04])
-def test_a_compiled_controller_can_have_another_period_than_the_control(diagrams, period):
-    """The flight is recorded at the ticks of the control, and ends at one of them."""
+def test_a_compiled_position_controller_can_have_another_period_than_the_command_link(diagrams, period):
+    """The flight is recorded every 20 ms, the period of the command link, and ends at such a time."""
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=0.26"])
     flights = [
         simulate(study, position_controller=SlowPd(period=period), compiled=compiled) for compiled in (True, False)

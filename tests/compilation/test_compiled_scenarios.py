@@ -43,8 +43,8 @@ def _kind(value):
 def features_of(batch, plan):
     """Return the features of a batch's diagram: the class of each system, with each of its structural arguments.
 
-    Numbers, such as periods, only contribute their type. Each item of a tuple, such as each effect, is a separate
-    feature.
+    A structural argument, such as `effects`, determines ports and events of a system. Numbers, such as periods, only
+    contribute their type. Each item of a tuple, such as each effect, is a separate feature.
     """
     recipes = laboratory_recipes(batch, plan, 1.0) | control_recipes(batch, plan)
     features = set()
@@ -59,7 +59,7 @@ def features_of(batch, plan):
 @pytest.mark.long
 @pytest.mark.usefixtures("cached_results")
 def test_every_system_of_the_shipped_scenarios_has_the_same_flight_when_compiled():
-    """The test flies a subset of the scenarios that covers all systems, with each value of their structural arguments.
+    """The test flies a subset of the scenarios that covers all features of `features_of`.
 
     Obstacles are removed, because their plans take seconds, and the last test compares flights among obstacles.
     """

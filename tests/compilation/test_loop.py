@@ -170,8 +170,8 @@ def test_shifted_state_components_are_read_before_they_are_overwritten(order):
 
 
 @pytest.mark.parametrize("targets", list(itertools.permutations(range(3))), ids=str)
-def test_state_components_can_be_exchanged(targets):
-    """Other components depend on the exchanged ones, and are computed before and after the exchange."""
+def test_an_event_can_permute_state_components(targets):
+    """The fourth component is computed from the values that the other three have before the permutation."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     early, late = rows[0] * 2.0, rows[1] + rows[2]

@@ -96,7 +96,7 @@ def compiled_outputs(diagram, **options):
     return [compiled.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
 
 
-def wired(diagram):
+def uncompiled_outputs(diagram):
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.055)
     return [diagram.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
@@ -108,7 +108,7 @@ def test_diagrams_that_differ_only_in_values_share_machine_code(new_loops):
     count = len(new_loops)
     assert count > 0
     other = diagram_of(parameters=0.7, value=-1.0, name="other")
-    np.testing.assert_allclose(compiled_outputs(other), wired(other), rtol=1e-12)
+    np.testing.assert_allclose(compiled_outputs(other), uncompiled_outputs(other), rtol=1e-12)
     assert len(new_loops) == count
     assert not np.array_equal(compiled_outputs(other), first)
 
@@ -141,7 +141,7 @@ def test_fleets_of_different_sizes_share_machine_code(new_loops):
 
     counts = []
     for n in (3, 2, 17):
-        np.testing.assert_allclose(compiled_outputs(fleet(n)), wired(fleet(n)), rtol=1e-12)
+        np.testing.assert_allclose(compiled_outputs(fleet(n)), uncompiled_outputs(fleet(n)), rtol=1e-12)
         counts.append(len(new_loops))
     assert counts == counts[:1] * 3
     compiled_outputs(fleet(1))
@@ -172,8 +172,8 @@ def test_diagrams_with_different_computations_have_different_events(new_loops, d
     other = diagram_of(**difference)
     actual = compiled_outputs(other)
     assert len(new_loops) > count
-    np.testing.assert_allclose(actual, wired(other), rtol=1e-12)
-    np.testing.assert_array_equal(np.signbit(actual), np.signbit(wired(other)))
+    np.testing.assert_allclose(actual, uncompiled_outputs(other), rtol=1e-12)
+    np.testing.assert_array_equal(np.signbit(actual), np.signbit(uncompiled_outputs(other)))
 
 
 @pytest.mark.parametrize("first", [1, 2])
@@ -252,9 +252,9 @@ def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_event
             builder.Connect(constant.get_output_port(), chooses.GetInputPort(f"seen_{name}"))
         for name in ("shown", "x_one", "x_two"):
             builder.ExportOutput(chooses.GetOutputPort(name), name)
-        wired = builder.Build()
+        uncompiled = builder.Build()
         shown = []
-        for diagram in (wired, compile_diagram(wired)):
+        for diagram in (uncompiled, compile_diagram(uncompiled)):
             simulator = Simulator(diagram)
             simulator.AdvanceTo(0.015)
             context = simulator.get_context()
@@ -273,7 +273,8 @@ def test_mutable_constants_are_never_shared():
             assert each.GetOutputPort("x").Eval(simulator.get_context()) == [4.0 * (1.0 + sum(by))]
 
 
-def test_events_with_other_recorded_ports_or_ticks_have_their_own_machine_code(new_loops):
+def test_diagrams_with_different_options_of_compile_diagram_have_different_machine_code(new_loops):
+    """However, diagrams with 3 and with 5 `ticks` share machine code, because it simulates one tick at a time."""
     counts = []
     for options in ({}, {"record": True}, {"ticks": 3}, {"ticks": 3, "record": True}, {"ticks": 3, "tick": 0.01}):
         compile_diagram(diagram_of(), **options)

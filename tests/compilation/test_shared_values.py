@@ -11,7 +11,7 @@ def no_value(path, output, time):
     raise AssertionError(path)
 
 
-def test_a_value_that_is_requested_twice_has_one_column():
+def test_a_shared_value_that_is_requested_twice_has_one_column_of_the_table():
     shared = SharedValues()
     ticks = CurrentTick(0.02)
     places = [
@@ -56,5 +56,5 @@ def test_a_source_is_evaluated_once_for_all_its_elements():
 
 
 @pytest.mark.parametrize("events", [0, 2])
-def test_a_table_without_columns_has_a_row_for_each_event(events):
+def test_the_table_has_a_row_for_each_event_even_if_there_are_no_shared_values(events):
     assert SharedValues().table(np.zeros((events, 1)), no_value).shape == (events, 1)

@@ -21,7 +21,16 @@ def flights(error, *, own=0, crashed=()):
 
 
 def evaluation(network=0.9, other=0.8, *, crashed=()):
-    """Return an invented evaluation of PD and INDI with networks in two families, and of designs with other limits."""
+    """Return an invented evaluation of PD and INDI, each with and without networks, in the laboratory and outdoors.
+
+    The evaluation also contains `indi@1.6` and `indi@3`, designs with other limits on the peak sensitivity, and flights
+    of one to three laps.
+
+    Args:
+        network: mean error of PD with a type-1 network, relative to PD.
+        other: mean error of PD with a type-2 network, relative to PD with a type-1 network.
+        crashed: samples in which PD with a type-2 network crashes outdoors.
+    """
     errors = {"pd": 0.2, "pd_t1fnn": 0.2 * network, "pd_t2fnn": 0.2 * network * other, "indi": 0.04, "indi_t2fnn": 0.04}
     found = {
         place: {name: flights(error, own=own) for own, (name, error) in enumerate(errors.items())}

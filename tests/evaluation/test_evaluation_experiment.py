@@ -77,7 +77,7 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
 
 
 @pytest.mark.long
-def test_certificates_equal_those_of_certify_hover_or_have_a_reason_why_they_are_missing(diagrams):
+def test_certified_scales_are_those_of_certify_hover_or_nan_with_a_reason(diagrams):
     lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
     late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])
     found, expected = experiment.certified_scales(late), certify_hover(late)
@@ -109,7 +109,9 @@ def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams
     assert SIZES.overrides == ()
 
 
-def test_networks_with_position_input_and_their_base_controllers_fly_all_numbers_of_laps(replaced_flights, diagrams):
+def test_networks_with_the_position_as_input_and_their_base_controllers_fly_one_to_three_laps(
+    replaced_flights, diagrams
+):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
     found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
@@ -191,7 +193,7 @@ def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     assert duration > 10.0
 
 
-def test_the_margin_is_the_smallest_of_all_loops(monkeypatch, diagrams):
+def test_worst_margins_are_the_worst_of_all_loops_at_the_command_link(monkeypatch, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     loops = {
         "one": SimpleNamespace(sensitivity=2.0, delay=0.04),
@@ -221,7 +223,7 @@ def write_all_designs_but(folder, family, names):
 
 
 def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
-    """Several laps, and designs with other limits, are flown only in the family with the laboratory for them."""
+    """Flights over several laps and flights of priced designs belong to the family that contains `LAPS_LABORATORY`."""
     traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
     def of_family(folder, name, family, entry, sizes):
@@ -288,7 +290,9 @@ def tuned(monkeypatch):
 
 
 @pytest.mark.slow
-def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, diagrams, tmp_path):
+def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_priced_designs(
+    tuned, monkeypatch, diagrams, tmp_path
+):
     """INDI is tuned by the search and LQG from Riccati equations, each with four limits."""
     lqg, limits = load_scenario(diagrams / "laboratory.yaml:nominal"), []
     folder = tmp_path / "diagrams"
@@ -325,7 +329,7 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
 ):
     """The additional delay is the delay that the controller tolerates without a network.
 
-    The earlier design is a candidate.
+    If the file already contains a design of the network, this design is a candidate of the search.
     """
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)

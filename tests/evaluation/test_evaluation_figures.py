@@ -32,7 +32,7 @@ def ticks(axis):
     return axis.get_ticklocs().tolist(), [text.get_text() for text in axis.get_ticklabels()]
 
 
-def test_only_figures_with_flights_are_drawn():
+def test_a_figure_is_drawn_only_if_the_evaluation_contains_its_flights():
     found = evaluation()
     drawn = dict(evaluation_figures(found))
     assert list(drawn) == ["errors", "networks", "margins", "laps"]
@@ -98,7 +98,7 @@ def test_the_errors_figure_has_markers_with_intervals():
     assert looks["indi"].copy().pop()[1] == mark
 
 
-def test_errors_without_a_completed_flight_are_not_drawn():
+def test_the_errors_figure_omits_controllers_that_crash_in_all_samples():
     lost = Evaluation({"outdoor": {"pd": flights(0.2, crashed=range(40)), "indi": flights(0.1)}}, {})
     (axes,) = errors_figure(lost).axes
     assert [line.get_ydata()[0] for line in axes.lines] == [1, 1]
@@ -148,7 +148,7 @@ def test_the_networks_figure_has_a_row_per_network():
     assert 100.0 * worst > low > 150.0 * worst
 
 
-def test_the_axis_of_small_error_reductions_ends_at_about_six_per_cent():
+def test_the_axis_of_the_networks_figure_extends_beyond_six_per_cent_even_if_all_reductions_are_small():
     found = evaluation(network=0.999, other=0.999)
     low, high = networks_figure(found).axes[0].get_xlim()
     assert -8.0 < low < -6.0

@@ -31,7 +31,7 @@ def test_training_and_evaluation_samples_are_disjoint():
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path):
+def test_every_tuned_parameter_is_a_field_of_the_scenario_with_its_controller(name, diagrams, tmp_path):
     family = FAMILIES[name]
     entries = {
         key: each

@@ -51,8 +51,8 @@ def found():
     return found
 
 
-def test_the_committed_report_has_the_default_sizes(root):
-    """The claims in the report are in the order of `all_claims`."""
+def test_the_committed_report_has_the_default_evaluation_sizes_and_all_claims(root):
+    """The report contains the claims in the order of `all_claims`."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
     whole = EvaluationSizes()
     assert text.startswith("#")
@@ -74,7 +74,7 @@ def test_the_committed_report_has_the_default_sizes(root):
     ):
         assert words in flowing
     assert list(SENSITIVITY_LIMITS) == sorted(SENSITIVITY_LIMITS)
-    # All sizes of a quick run are smaller.
+    # Each number of samples or flights in a quick evaluation is smaller than its default.
     assert all(few < many for few, many in zip(QUICK[:-2], whole[:-2], strict=True))
     assert not QUICK.certifies
     found = evaluation()
@@ -118,7 +118,7 @@ def test_a_claim_does_not_hold_with_more_crashes_despite_a_smaller_error():
     (claim,) = (each for each in all_claims(found) if each.statement.endswith("to PD reduces the error"))
     assert claim.verdict == "does not hold"
     assert "reduction of the RMSE: 28." in claim.evidence
-    # The claim may hold if the baseline crashes more often.
+    # The claim holds if the controller with the network has a smaller error and the base controller crashes more often.
     found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
     found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
     assert verdicts(found)[claim.statement] == "holds"
@@ -158,7 +158,8 @@ def test_designs_are_ordered_by_their_peak_sensitivity():
 def test_a_table_row_of_the_report_has_errors_crashes_effort_margins_and_times(found):
     text = report_markdown(found, all_claims(found), [])
     rows, outdoor = rows_of(text), found.flights["outdoor"]
-    # The metrics of invented flights are 0.25, 1.25, …: the peak error is 3.25 m, and efforts are 4.25, 5.25 and 6.25.
+    # In invented flights, the metrics after `rmse` are 0.25, 1.25, …, in the order of the fields of `Metrics`. The peak
+    # error is 3.25 m, and the efforts are 4.25, 5.25 and 6.25, with the sum 15.75.
     (network,) = (row for row in rows if row[0] == "PD + type 2" and len(row) == 10)
     peak = centimetres(outdoor["pd_t2fnn"], "peak_error")
     assert network == [
@@ -206,7 +207,7 @@ def test_crashes_are_listed_laboratory_by_laboratory():
     assert pd[6] == "–"
 
 
-def test_designs_with_other_limits_have_rows_in_the_report(found):
+def test_designs_with_other_sensitivity_limits_have_rows_in_the_report(found):
     rows = rows_of(report_markdown(found, all_claims(found), []))
     errors = [centimetres(found.flights["high wind"][f"indi@{limit}"]) for limit in ("1.6", "3")]
     assert [row for row in rows if row[0] == "INDI" and len(row) == 9] == [
@@ -286,7 +287,7 @@ def test_the_best_controllers_of_each_laboratory_are_named():
     assert f"- outdoor: PD, {mean}\n" in report_markdown(found, all_claims(found), [])
 
 
-def test_the_summary_has_intervals_and_traits(found, tmp_path):
+def test_the_summary_has_the_metrics_intervals_and_traits_of_each_controller(found, tmp_path):
     summary = read_table(write_summary(tmp_path / "summary.csv", found))
     row = np.flatnonzero((summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn"))[0]
     metrics = found.flights["outdoor"]["pd_t2fnn"]

@@ -462,7 +462,7 @@ def test_the_tracking_reward_follows_its_formula():
         ),
         (
             lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
-            "a period of the diagram is longer than a tick of 0.02 s",
+            "must repeat in every tick of 0.02 s, but repeat only every 0.04 s",
         ),
         (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
         (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),

@@ -164,7 +164,7 @@ def designed(onboard):
 
 
 @pytest.mark.long
-def test_loops_on_board_are_designed_within_their_margins_rate_loops_first(onboard, designed):
+def test_loops_on_board_have_their_margins_and_each_rate_loop_is_designed_before_its_attitude_loop(onboard, designed):
     angles = ("roll", "pitch", "yaw")
     assert list(designed.on_board) == [loop for angle in angles for loop in (f"{angle} rate", angle)]
     assert list(designed.loops) == ["z", "x", "y"]
@@ -187,7 +187,7 @@ def test_loops_on_board_are_designed_within_their_margins_rate_loops_first(onboa
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_the_result_of_the_command_in_their_file(root, onboard, designed):
+def test_shipped_gains_are_the_result_of_the_command_that_their_file_names(root, onboard, designed):
     text = (root / "diagrams" / "gains" / "onboard.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
     assert command == ["design", "onboard", "--on-board"]
@@ -248,7 +248,7 @@ def test_flights_begin_to_oscillate_at_the_gain_limit_of_the_yaw_loop_on_board(o
     assert grows(changed, "yaw", 4.0) == (fraction > 1.0)
 
 
-def test_a_scenario_at_rest_has_no_autopilot_noise_and_nominal_hover_has_no_bias_either(onboard):
+def test_at_rest_removes_the_noise_of_an_autopilot_and_nominal_hover_also_removes_its_bias(onboard):
     scenario = onboard("laboratory.autopilot={attitude_noise: 0.1, gyroscope_bias: [0.1, 0.2, 0.3]}")
     resting, nominal = (change(scenario).laboratory.autopilot for change in (at_rest, nominal_hover))
     assert resting == scenario.laboratory.autopilot.model_copy(update={"gyroscope_noise": 0.0, "attitude_noise": 0.0})
@@ -329,7 +329,7 @@ def test_a_vehicle_that_cannot_hover_has_no_stability_map(onboard):
             mapped_plant(onboard("vehicle.mass=5"), loop)
 
 
-def test_an_autopilot_of_kind_response_has_no_stability_map_of_its_gains(onboard):
+def test_a_stability_map_of_attitude_gains_is_refused_for_an_autopilot_of_kind_response(onboard):
     words = "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains"
     for function in (mapped_plant, mapped_gains):
         with pytest.raises(InputError, match=words):

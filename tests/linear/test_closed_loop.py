@@ -53,8 +53,8 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
         (["nominal.layout={kind: x}", "vehicle.layout={kind: x, length: 0.2, width: 0.29}"], False),
     ],
 )
-def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
-    """Along each slow mode, x_k = z^k x_0 holds to 1 % in the nonlinear diagram."""
+def test_eigenvalues_predict_how_deviations_from_the_equilibrium_decay_or_grow(laboratory, overrides, grows):
+    """A deviation x_0 along a slow mode with eigenvalue z becomes z^k x_0 after k periods of the nonlinear diagram."""
     scenario = at_rest(laboratory(*overrides))
     loop = closed_loop(scenario)
     values, vectors = np.linalg.eig(loop.system.A)
@@ -76,9 +76,9 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_vehicle_in_wind_settles_at_an_offset_from_the_reference(laboratory, side):
-    """The offset is D / (m k_P), and the tilt is atan(D / (m g)), with the drag D.
+    """The offset is D / (m k_P), and the tilt is atan(D / (m g)), where D is the drag.
 
-    The equilibrium is computed at four ticks after the start.
+    The time of the returned context is that of the fourth tick.
     """
     scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
@@ -90,7 +90,7 @@ def test_a_vehicle_in_wind_settles_at_an_offset_from_the_reference(laboratory, s
     assert np.abs(loop.system.poles()).max() < 1.0
 
 
-def test_a_scenario_at_rest_has_no_random_or_transient_effects(diagrams):
+def test_at_rest_removes_random_and_transient_effects(diagrams):
     scenario = load_scenario(
         diagrams / "outdoor.yaml", ["vehicle.battery_sag=0.1", "vehicle.rotor_failure={rotor: 1, time: 1.0}"]
     )
@@ -122,7 +122,7 @@ def test_the_equilibrium_is_where_a_hover_route_hovers(laboratory):
         ("nominal.mass=3", "the rotors cannot fly this route"),
     ],
 )
-def test_laboratories_without_a_plant_are_refused(laboratory, override, words):
+def test_a_laboratory_whose_plant_cannot_be_linearised_is_refused(laboratory, override, words):
     with pytest.raises(InputError, match=words):
         laboratory_plant(laboratory(override))
 
@@ -138,7 +138,8 @@ def test_the_plant_of_the_actual_vehicle_has_its_mass_but_not_its_asymmetry(labo
         gains.append(abs(thrust.response(np.exp([1j * 0.5 * 0.02]))[0, 0, 0]))
         rolled = plant.between(["wrench.thrust"], ["measurement.roll", "measurement.pitch"])
         np.testing.assert_allclose(rolled.response(np.exp([1j * 0.5 * 0.02])), 0.0, atol=1e-12)
-    # The drag is 0.1 N s/m, which is small compared with the mass at 0.5 rad/s.
+    # The height responds to thrust like a mass m with the linear drag d = 0.1 N s/m. The gain is inversely proportional
+    # to hypot(m, d / ω). At 0.5 rad/s, d / ω is 0.2 kg.
     assert gains[0] / gains[1] == pytest.approx(np.hypot(0.85, 0.2) / np.hypot(0.68, 0.2), rel=1e-3)
 
 
@@ -186,13 +187,13 @@ def test_an_initial_response_is_a_flight_that_starts_at_an_offset_from_the_refer
         assert np.abs(deviations[-1, 0:3] - deviations[0, 0:3]).min() > 1e-3
 
 
-def test_a_distribution_has_no_linear_model():
+def test_a_scenario_with_a_distribution_has_no_linear_model():
     scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     with pytest.raises(InputError, match="vehicle.mass is a distribution, but the analysis of hover needs a number"):
         closed_loop(scenario)
 
 
-def test_a_scenario_at_rest_has_no_position_limits_and_its_metrics_cover_the_whole_flight(laboratory):
+def test_at_rest_removes_position_limits_and_the_metrics_cover_the_whole_flight(laboratory):
     scenario = laboratory("duration=3", "metrics.start=1", "crash.position_error=0.1", "crash.tilt=0.5")
     resting = at_rest(scenario.model_copy(update={"sample": 4}))
     assert (resting.sample, resting.duration) == (None, None)
@@ -204,7 +205,7 @@ def test_a_scenario_at_rest_has_no_position_limits_and_its_metrics_cover_the_who
     assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
 
 
-def test_a_scenario_at_rest_keeps_a_fan_s_steady_wind_but_not_its_turbulence(laboratory):
+def test_at_rest_keeps_a_fan_s_steady_wind_but_not_its_turbulence(laboratory):
     fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
     scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
     kept_fan, steady = at_rest(scenario).laboratory.wind
@@ -212,7 +213,7 @@ def test_a_scenario_at_rest_keeps_a_fan_s_steady_wind_but_not_its_turbulence(lab
     assert steady == scenario.laboratory.wind[1]
 
 
-def test_a_scenario_at_rest_hovers_at_the_middle_of_a_random_route(laboratory):
+def test_at_rest_replaces_a_random_route_by_hover_at_a_height_of_one_metre(laboratory):
     drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
     assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
 
@@ -300,9 +301,11 @@ def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory
 
 
 def stub_linearize(monkeypatch, changes, **entries):
-    """Replace `linearize` with a stub that returns given state changes, and return a list of its calls.
+    """Replace `linearize` with a stub, and return a list that gets one element at each call of the stub.
 
-    The keyword `A` of the stub replaces the first element of the matrix A.
+    Args:
+        changes: changes of the first states over a period, which the stub returns; the other changes are zero.
+        entries: `A=number` replaces the first element of the matrix A that the stub returns.
     """
     linearize, calls = closed_loop_module.linearize, []
 

@@ -18,7 +18,7 @@ def exact(matrices, points):
     return A + x * first + (y + 0.2 * y**2) * second + x * y * both
 
 
-def test_polynomials_of_second_degree_are_reproduced(matrices):
+def test_a_model_reproduces_loops_that_are_polynomials_of_second_degree(matrices):
     points = fitting_points(2, np.random.default_rng(1))
     model = fit_fractional_model(points, exact(matrices, points))
     others = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2))
@@ -35,7 +35,7 @@ def test_no_loop_within_the_bound_is_unstable_and_one_just_beyond_it_is(matrices
     assert spectral_radii(exact(matrices, 1.15 * scale * grid)).max() > 1.0
 
 
-def test_the_errors_of_a_model_are_in_its_error_matrix():
+def test_the_exact_loops_are_the_model_plus_u_e_v_with_a_norm_of_e_of_at_most_one():
     points = fitting_points(1, np.random.default_rng(1))
     cubic = points[:, :, np.newaxis] ** 3 * np.array([[0.0, 0.3], [0.1, 0.2]])
     loops = 0.5 * np.eye(2) + 0.1 * points[:, :, np.newaxis] * np.ones((2, 2)) + cubic
@@ -47,7 +47,7 @@ def test_the_errors_of_a_model_are_in_its_error_matrix():
     assert 0.6 < np.linalg.norm(inner, 2, axis=(1, 2)).max() <= 1.0
 
 
-def test_a_poor_model_has_a_poor_bound():
+def test_a_model_that_fits_badly_has_a_large_bound():
     # The loop is stable up to a parameter of 0.9. There A changes by a step, which a quadratic model cannot follow.
     points = fitting_points(1, np.random.default_rng(1))
     loops = (0.5 + 0.8 * (points > 0.9))[:, :, np.newaxis]

@@ -46,7 +46,7 @@ def test_a_vehicle_that_is_too_heavy_to_hover_has_no_loop(resting):
 
 
 @pytest.mark.long
-def test_loops_have_an_equilibrium_exactly_within_the_limits_of_the_thrust(resting):
+def test_a_loop_has_an_equilibrium_if_and_only_if_the_thrust_limits_allow_hover(resting):
     # The commanded thrust is 0.3 to 1.8 times the nominal weight, so a mass of 0.204 kg to 1.224 kg can hover.
     mass = np.array([0.203, 0.205, 0.2465, 1.223, 1.225])
     loops = HoverFleet(resting, ["vehicle.mass", "vehicle.rotor_time_constant"])(

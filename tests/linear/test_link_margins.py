@@ -54,14 +54,14 @@ def test_thrust_and_yaw_loops_have_their_designed_margins(laboratory):
 
 
 @pytest.mark.long
-def test_the_joint_disk_margin_of_decoupled_loops_is_the_smallest_one(laboratory):
+def test_the_joint_disk_margin_of_decoupled_loops_is_the_smallest_disk_margin_of_a_single_loop(laboratory):
     scenario = nominal_hover(laboratory())
     smallest = min(margins.disk for margins in link_margins(scenario).values())
     assert joint_disk_margin(scenario).disk == pytest.approx(smallest, rel=2e-3)
 
 
 @pytest.mark.long
-def test_the_joint_disk_margin_is_at_most_that_of_each_loop_and_is_tolerated(asymmetric_lqg):
+def test_the_joint_disk_margin_is_at_most_that_of_each_loop_and_its_gain_changes_keep_the_loop_stable(asymmetric_lqg):
     joint = joint_disk_margin(asymmetric_lqg)
     assert joint.disk <= 1.001 * min(margins.disk for margins in link_margins(asymmetric_lqg).values())
     factor = 10.0 ** (0.99 * joint.gain / 20.0)
@@ -74,8 +74,8 @@ def test_the_joint_disk_margin_is_at_most_that_of_each_loop_and_is_tolerated(asy
         assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
 
 
-def test_the_link_loops_of_a_scenario_with_an_autopilot_are_the_position_loops(diagrams):
-    """Roll and pitch on the command link contain only the commanded acceleration. The yaw is controlled on board."""
+def test_the_margins_at_the_command_link_of_an_autopilot_are_those_of_the_position_loops(diagrams):
+    """The link transmits roll and pitch angles, which the position loops command. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
     margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))
@@ -104,8 +104,8 @@ def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(labo
         np.testing.assert_allclose(margins_by_signal[name], expected[name], rtol=1e-6)
 
 
-def test_the_loop_is_one_over_the_sensitivity_minus_one(asymmetric_lqg):
-    """L with unit feedback has those poles of the whole loop that are controllable from its signal."""
+def test_a_loop_transfer_function_with_unit_feedback_has_poles_of_the_whole_closed_loop(asymmetric_lqg):
+    """The slow poles of each loop of `link_loops` are compared with those of `closed_loop`."""
     scenario = asymmetric_lqg
     poles = closed_loop(scenario).system.poles()
     for loop in link_loops(scenario).values():
@@ -135,14 +135,14 @@ def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, m
 
 
 @pytest.mark.parametrize("controller", CONTROLLER_FILES)
-def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, controller):
+def test_fast_link_margins_agrees_with_link_margins(laboratory, margins_of, controller):
     fast = fast_link_margins(laboratory(controller))
     exact = [*margins_of(controller).values()]
     np.testing.assert_allclose(fast.sensitivity, [margins.sensitivity for margins in exact], rtol=2e-5)
     np.testing.assert_allclose(fast.delay, [margins.delay for margins in exact], rtol=2e-4)
 
 
-def test_fast_margins_include_loops_with_a_crossover_below_half_a_radian_per_second(laboratory):
+def test_fast_link_margins_is_accurate_for_a_crossover_below_half_a_radian_per_second(laboratory):
     """The height loop has its crossover at 0.4 rad/s."""
     scenario = laboratory("paper.yaml:pd", "control.position={k_p: [1.6, 1.6, 0.05], k_d: [1.9, 1.9, 0.4]}")
     exact = link_margins(scenario)["thrust"]

@@ -136,7 +136,7 @@ def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
 
 
 @pytest.mark.slow
-def test_the_delay_margin_of_a_resonance_with_a_long_delay_ends_at_the_next_lower_odd_multiple_of_180_degrees():
+def test_the_delay_margin_is_the_delay_until_the_phase_falls_to_an_odd_multiple_of_180_degrees():
     """A resonance at 4 rad/s has a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay.
 
     At both crossovers, the phase is far below -180°. The delay margin is the delay until the phase falls to the next
@@ -170,7 +170,8 @@ def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     assert is_stable(loop, 0.999 / low)
     grid = frequencies(PERIOD)
     response = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
-    # The disk of -1 / f touches the Nyquist curve and contains no point of the curve.
+    # The loop tolerates any gain f between `low` and 1 / `low`. The disk around the points -1 / f touches the Nyquist
+    # curve and contains no point of the curve.
     middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
     assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
     top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
@@ -288,7 +289,7 @@ def test_the_loop_gain_of_an_unstable_plant_has_a_lower_limit():
 
 
 @pytest.mark.slow
-def test_fast_margins_of_many_loops_equal_those_of_each_loop():
+def test_fast_margins_agrees_with_margins_for_each_of_many_loops():
     grid = frequencies(PERIOD)
     loops = [loop_of(*gains) for gains in PD_GAINS]
     responses = np.array([loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0] for loop in loops])
@@ -359,7 +360,7 @@ def test_a_pole_near_one_is_not_an_integrator():
     assert margins(first_order(1.0, 1e-3)).gain_reduction == np.inf
 
 
-def test_fast_margins_of_loops_without_crossings_are_infinite():
+def test_fast_margins_returns_infinite_margins_for_loops_without_crossings():
     grid = frequencies(PERIOD)
     small_responses = np.full((2, len(grid)), [[0.1], [-0.1]], dtype=complex)
     fast = fast_margins(small_responses, grid)
@@ -373,7 +374,7 @@ def test_fast_margins_of_loops_without_crossings_are_infinite():
 
 @pytest.mark.parametrize("turns", np.linspace(0.02, 0.98, 10))
 @pytest.mark.parametrize("steepness", [-7.0, 7.0])
-def test_fast_margins_are_exact_if_the_logarithm_of_the_response_is_linear(turns, steepness):
+def test_fast_margins_returns_exact_margins_if_the_logarithm_of_the_response_is_linear(turns, steepness):
     """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns) has magnitude one and the phase `turns` at ω_c."""
     crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
     # The phase changes by two radians from one frequency to the next.

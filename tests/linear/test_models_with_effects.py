@@ -52,7 +52,7 @@ def test_a_trim_balances_all_effects(asymmetric_vehicle):
     np.testing.assert_allclose(remaining, 0.0, atol=1e-9)
 
 
-def test_a_trim_has_the_payload_at_the_beginning_of_a_flight(asymmetric_vehicle):
+def test_a_trim_includes_a_payload_if_the_vehicle_carries_it_at_the_beginning_of_a_flight(asymmetric_vehicle):
     """A payload that is dropped later is included, and a payload that is picked up later is not."""
     bare = find_trim(asymmetric_vehicle)
     later = find_trim(asymmetric_vehicle, effects=Effects(payload=MANY_EFFECTS.payload._replace(picked_up=0.5)))
@@ -128,7 +128,7 @@ def laboratory(diagrams):
 PAYLOAD_OVERRIDE = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: {}, event: {}}}"
 
 
-def test_a_scenario_at_rest_has_the_payload_from_the_beginning_of_the_flight(laboratory):
+def test_at_rest_keeps_a_payload_if_the_vehicle_carries_it_at_the_beginning_and_removes_the_battery(laboratory):
     for time, event, is_carried in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
         resting = at_rest(laboratory(PAYLOAD_OVERRIDE.format(time, event))).vehicle
         payload = resting.effect_parameters().payload
@@ -172,7 +172,7 @@ ALL_EFFECTS_OVERRIDES = [
     [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
-def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load):
+def test_a_loop_with_all_effects_has_an_equilibrium_and_a_linear_model(laboratory, load):
     wind = "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]}]"
     loop = closed_loop(laboratory(*ALL_EFFECTS_OVERRIDES, load, wind))
     poles = loop.system.poles()
@@ -184,7 +184,7 @@ def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["nominal", "actual"])
-def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
+def test_a_laboratory_with_effects_has_a_linear_plant(laboratory, vehicle):
     """The specific thrust in hover follows from the throttle by the nominal thrust curve."""
     plant, specific_thrust = laboratory_plant(laboratory(*ALL_EFFECTS_OVERRIDES[5:]), vehicle=vehicle)
     if vehicle == "nominal":
@@ -203,7 +203,7 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
     [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
-def test_derivatives_through_a_flight_match_finite_differences_of_flights(laboratory, load):
+def test_flight_sensitivities_of_the_rmse_match_finite_differences_between_flights(laboratory, load):
     scenario = laboratory("duration=1.4", "metrics.start=0", *ALL_EFFECTS_OVERRIDES, load)
     # The other effects do not depend on the kind of load, so each is tested with one load only.
     fields = {

@@ -29,7 +29,8 @@ def test_close_poles_count_as_one_mode(poles, multiplicities):
 def test_a_mode_names_its_main_states_in_descending_order(poles, period):
     """The expected participation factors are products of the entries of right and left eigenvectors.
 
-    Some eigenvalues are negative, because rounding makes their logarithms jump across the real axis.
+    Some eigenvalues are negative. Rounding errors can change the imaginary parts of their logarithms from π to -π. This
+    must not affect the modes.
     """
     rng = np.random.default_rng(7)
     states, num_left_out, orders = tuple("abcdef"), 0, set()

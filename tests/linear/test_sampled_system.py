@@ -78,7 +78,7 @@ def test_the_jacobian_of_the_whole_loop_matches_finite_differences(hover, overri
     np.testing.assert_allclose(system.A, numeric, atol=2e-8)
 
 
-def test_the_state_has_names_and_excludes_passive_systems(hover):
+def test_the_state_of_a_diagram_has_unique_names_and_excludes_monitor_and_recorder(hover):
     diagram = build_tracking_diagram(hover(*IMPERFECT_OVERRIDES), record=True)
     names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
@@ -205,7 +205,10 @@ def test_a_constant_output_has_zero_derivatives():
 
 
 def two_inputs():
-    """Return a diagram of two zero-order holds, for a vector of two numbers and for one number, and its context."""
+    """Return a diagram of two zero-order holds, and a context of the diagram.
+
+    The hold `first` has two elements, and the hold `second` has one.
+    """
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
@@ -219,8 +222,11 @@ def two_inputs():
 
 
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
-def test_inputs_and_outputs_have_the_requested_order(order):
-    """The output of a hold is its input one period earlier, and does not depend on older inputs."""
+def test_inputs_and_outputs_of_a_linear_model_have_the_requested_order(order):
+    """The linear model of two zero-order holds has the matrices A = 0 and D = 0.
+
+    B and C consist of rows of the identity matrix, in the requested order.
+    """
     diagram, context = two_inputs()
     inputs, outputs = [f"u_{name}" for name in order], [f"y_{name}" for name in order[::-1]]
     system, change = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)
@@ -272,7 +278,7 @@ def test_an_entry_of_1e_12_relative_to_its_row_is_significant(size, kept):
     assert system.connected(tolerance=1e-9).states == ("b",)
 
 
-def test_a_scaled_input_has_another_name():
+def test_scaled_multiplies_the_response_by_a_factor_and_renames_the_input():
     system = random_system(np.random.default_rng(3)).between(["u.0"], ["y.1"])
     scaled = system.scaled(-3.0, "push")
     z = np.exp(1j * np.array([0.1, 1.0]))
@@ -299,7 +305,7 @@ def test_states_that_are_reached_in_many_steps_are_kept():
     assert system.connected().states == tuple("abcde")
 
 
-def test_a_system_has_no_response_at_its_poles():
+def test_the_frequency_response_at_a_pole_of_the_system_is_refused():
     system = SampledSystem(
         np.diag([0.5, 0.25]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
     )

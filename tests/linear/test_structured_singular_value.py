@@ -31,7 +31,7 @@ def test_bounds_are_those_of_slicot(seed, kinds, value):
     assert mu_bound(random_matrix(seed, 6), scalars(kinds), tolerance=1e-5).value == pytest.approx(value, rel=2e-5)
 
 
-def test_derivatives_from_the_terms_of_a_basis_are_traces_of_products():
+def test_the_derivatives_of_log_det_are_traces_of_products_with_the_elements_of_a_basis():
     basis, M = _basis((Block(2, is_real=True), Block(2, is_real=False), Block(1, is_real=True))), random_matrix(1, 10)
     Y = M @ M.conj().T
     left = np.concatenate([-basis.D, 0.0 * basis.G])
@@ -132,7 +132,7 @@ def test_the_bound_on_the_unit_circle_holds_between_the_points_of_any_grid(syste
     assert max(bounds) <= peak.value <= 1.02 * max(bounds)
 
 
-def test_a_bound_above_the_limit_is_infinite(system):
+def test_peak_mu_bound_is_infinite_if_the_bound_exceeds_the_argument_limit(system):
     A, B, C, D = system
     value = peak_mu_bound(A, B, C, D, scalars("rrc")).value
     assert peak_mu_bound(A, B, C, D, scalars("rrc"), limit=0.9 * value).value == np.inf

@@ -87,7 +87,8 @@ def test_the_model_of_a_moving_vehicle_matches_finite_differences(kinematics):
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
     numeric = np.array([(rates(point + h * e) - rates(point - h * e)) / (2.0 * h) for h, e in zip(steps, np.eye(23))]).T
     np.testing.assert_allclose(np.hstack([system.A(), system.B()]), numeric, atol=1e-6)
-    # At the operating point, the derivatives of the affine model describe a straight flight.
+    # The operating point is a straight flight: the affine model returns the velocity as the derivative of the position,
+    # and zero as the derivative of each other state.
     rate = system.A() @ point[:16] + system.B() @ point[16:] + system.f0()
     np.testing.assert_allclose(rate[:3], [4.0, 2.0, -1.0], atol=1e-9)
     np.testing.assert_allclose(rate[3:], 0.0, atol=1e-8)

@@ -130,8 +130,8 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
         over_slope[wind] = [relative_reduction(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
     assert half.evidence == (
-        f"reductions of {least_to_most(cuts.values())} over winds and widths; at most {per_cent(best)} with another λ,"
-        " which is a fitted number"
+        f"reductions of {least_to_most(cuts.values())} over winds and exponents; at most {per_cent(best)} with another"
+        " λ than the fitted one"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
@@ -143,8 +143,8 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
         for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
-        f"{per_cent(cut)}, which was fitted; other networks, not fitted: {named('no_wind', 'pd_t1fnn')}"
-        f" {per_cent(others[0])};"
+        f"a reduction of {per_cent(cut)}, which is the result of the fit; reductions by the other networks, which were"
+        f" not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(others[0])};"
         f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(others[1])}"
     )
 
@@ -227,7 +227,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     )
     assert fading.evidence == (
         "without wind, the RMS of the PD's output in the last quarter of a flight is"
-        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of its value in the quarter after the rise; in the 1 s after a"
+        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of its value in the quarter after the climb; in the 1 s after a"
         f" change of segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of its value in the 1 s before"
     )
     listed = [
@@ -235,8 +235,9 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
         for fractions in (left, returned)
     ]
     assert fading.details == (
-        f"RMS in the last quarter relative to the quarter after the rise: {listed[0]}; RMS after a change of segment"
-        f" relative to the RMS before it: {listed[1]}"
+        "RMS of the PD's output in the last quarter of a flight, relative to the quarter after the climb:"
+        f" {listed[0]}; RMS of the PD's output in the 1 s after a change of segment, relative to the 1 s before:"
+        f" {listed[1]}"
     )
 
     fractions = {

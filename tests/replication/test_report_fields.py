@@ -154,7 +154,7 @@ def test_the_calibration_is_shown_with_the_printed_errors():
         first = list(calibration["hypothesis"]).index(name)
         pd, network = (float(calibration[column][first]) for column in ("pd_number", "network_number"))
         each = HYPOTHESES[name]
-        assert words == f"- {each.label}: {each.pd.label} {pd:.4g}; {each.network.label} {network:.4g}."
+        assert words == f"- {each.label}: {each.pd.label}: {pd:.4g}; {each.network.label}: {network:.4g}."
         off = [
             100.0 * (errors[name, *cell] / line.rmse.mean - 1.0)
             for cell, line in table.items()

@@ -51,7 +51,7 @@ def motion_and_acceleration_of(system, context):
 
 
 @pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
-def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, parameters, structure):
+def test_the_acceleration_of_a_discrete_vehicle_is_the_derivative_of_its_velocity(kind, parameters, structure):
     """The output agrees with central differences over steps of 0.1 ms, from 1 s on."""
     vehicle = kind(time_step=VEHICLE_TIME_STEP, parameters=parameters, **structure)
     simulator = Simulator(vehicle)

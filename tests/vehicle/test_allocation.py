@@ -81,7 +81,8 @@ def best_wrench(wrench, rotors, priority):
     rows = np.vstack([squares, -squares, [0.0, 1.0, 0.0, -1.0], [0.0, -1.0, 0.0, -1.0]])
     limits = np.array([*[1.0] * 4, *[-((60.0 / 300.0) ** 2)] * 4, wrench.thrust, -wrench.thrust])
     bounds = [(0.0, 1.0), (None, None), (0.0, 1.0), (0.0, None)]
-    # Each programme keeps the results of the previous ones within the accuracy of the solver.
+    # Each linear programme optimises one part of the wrench. The parts that earlier programmes determined may change by
+    # this tolerance, since the solver has rounding errors.
     tolerance = 1e-9
 
     def best(objective, bounds):

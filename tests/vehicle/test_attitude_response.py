@@ -109,7 +109,7 @@ def test_the_translation_of_a_vehicle_with_an_attitude_response_agrees_with_a_qu
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_effects_on_the_translation_of_a_vehicle_with_an_attitude_response_agree_with_a_quadrotor(time_step):
+def test_effects_accelerate_a_vehicle_with_an_attitude_response_as_they_accelerate_a_quadrotor(time_step):
     """Both vehicles are level near the ground. Drag acts at the centre of mass, so no torque acts on them."""
     effects = Effects(
         body_drag=BodyDrag(LinearDrag(0.2, 0.1, 0.3), QuadraticDrag(0.02, 0.03, 0.01), CentreOfPressure(0.0, 0.0, 0.0)),

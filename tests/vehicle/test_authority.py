@@ -55,7 +55,7 @@ def test_a_vehicle_of_a_fleet_that_cannot_produce_every_wrench_is_reported():
     assert missing_direction(layout_of(positions, directions)).startswith("yaw torque without thrust")
 
 
-def test_one_vehicle_of_several_with_all_rotors_at_the_centre_is_reported():
+def test_a_fleet_in_which_one_vehicle_has_all_rotors_at_the_centre_is_reported():
     arm = np.array([0.2, 0.0])
     positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
     assert missing_direction(layout_of(positions)) == "roll and pitch torque, since all its rotors are at the centre"
@@ -75,7 +75,10 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
 
 @pytest.mark.parametrize(("fraction", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
 def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stops):
-    """In a plus with arms of 0.2 m, rotor 1 has (0.2 - e) / 0.8 of the thrust if rotors 2 and 4 are e in front."""
+    """The layout is a plus with arms of 0.2 m, in which rotors 2 and 4 are shifted forward by e.
+
+    In hover, rotor 1 then produces the fraction (0.2 - e) / 0.8 of the thrust.
+    """
     e = 0.2 - 0.8 * (0.5 * fraction)
     flaw = explain_infeasible_hover(
         layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0
@@ -86,8 +89,11 @@ def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fracti
         assert flaw == (None if fraction > 0.0 else "rotor 1 would have to push down")
 
 
-def test_three_rotors_with_the_same_direction_cannot_hover():
-    """The fourth rotor and the rotor opposite to it would each carry half of the weight if the yaw torque is zero."""
+def test_a_vehicle_with_three_rotors_that_turn_the_same_way_cannot_hover():
+    """Without yaw torque, rotor 4 carries half of the weight. Without tilting torque, so does the opposite rotor 2.
+
+    Nothing remains for rotors 1 and 3.
+    """
     rotors = layout_of(SQUARE_POSITIONS, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
@@ -98,7 +104,7 @@ def test_a_vehicle_with_all_rotors_in_front_of_the_centre_of_mass_cannot_hover()
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
 
 
-def test_a_too_large_ratio_of_hover_speeds_is_reported():
+def test_a_vehicle_whose_rotors_would_hover_at_too_different_speeds_is_reported():
     """Rotors 0.35 m in front produce a seventh of the thrust of rotors 0.05 m behind, at 0.38 times their speed."""
     rotors = layout_of([(x + 0.15, y) for x, y in SQUARE_POSITIONS])
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None

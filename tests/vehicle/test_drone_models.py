@@ -30,7 +30,10 @@ def time_constant(coefficient):
 
 
 class Drone:
-    """Drone of the package as one of our vehicles, with the additional terms of its equations."""
+    """Vehicle of the package drone-models, as a `Quadrotor` of this library.
+
+    Methods compute the terms that occur only in the equations of the package.
+    """
 
     def __init__(self, record):
         self.samples, self.numbers = record["samples"], {name: np.array(n) for name, n in record["numbers"].items()}

@@ -146,7 +146,10 @@ def test_an_effect_without_parameters_is_rejected():
 
 @pytest.mark.parametrize("name", ["body drag", "rotor aerodynamics"])
 def test_drag_only_dissipates_in_still_air(asymmetric_vehicle, name):
-    """The forces act at the centre of mass, so they do no work on the rotation. Lift would add power, so it is zero."""
+    """The forces act at the centre of mass, so they do no work on the rotation.
+
+    The test sets the coefficient of lift to zero, since lift can add power.
+    """
     drag = DRAG._replace(centre_of_pressure=CentreOfPressure())
     effects = (
         Effects(body_drag=drag)

@@ -97,8 +97,8 @@ def test_rotor_speed_limits_also_apply_to_throttles(asymmetric_vehicle):
         np.testing.assert_allclose(speeds, expected.rotor_speed_command, rtol=1e-12)
 
 
-def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
-    """`nominal_rotor_speeds` returns the command at which the rotors turn at the given speeds."""
+def test_an_autopilot_with_a_wrong_thrust_curve_must_command_other_rotor_speeds(asymmetric_vehicle):
+    """`nominal_rotor_speeds` returns the commands with which the rotors actually turn at the given speeds."""
     vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
     nominal = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
     speeds = RotorSpeed(200.0, 210.0, 190.0, 205.0)
@@ -216,7 +216,8 @@ def test_the_rotors_discharge_the_battery(time_step):
     speed, drawn = scipy.integrate.solve_ivp(derivative, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
     assert speed < 230.0
     speeds = vehicle.GetOutputPort("rotor_speed").Eval(context)
-    # A time step uses the voltage at its beginning, so it is less exact.
+    # A vehicle with time steps is less exact than one with a continuous state, because the voltage at the beginning of
+    # a step is used for the whole step.
     np.testing.assert_allclose(speeds, speed, rtol=2e-4 if time_step else 1e-5)
     charge = vehicle.GetOutputPort("charge").Eval(context)
     np.testing.assert_allclose(charge, drawn, rtol=1e-3 if time_step else 1e-5)

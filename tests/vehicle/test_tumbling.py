@@ -121,7 +121,7 @@ def test_energy_and_angular_momentum_are_constant_in_tumbles_without_torque(asym
     assert errors[1] / errors[2] > 12.0
 
 
-def test_angles_reproduce_any_rotation():
+def test_roll_pitch_and_yaw_represent_any_rotation():
     """The rotation agrees to rounding at any distance from a pitch of ±90° and at ±90°."""
     rng = np.random.default_rng(2)
     for distance in [0.0, *10.0 ** np.arange(-17.0, 0.0)]:
@@ -135,8 +135,8 @@ def test_angles_reproduce_any_rotation():
 
 
 @pytest.mark.parametrize("max_angle", [1e-9, 0.01, 0.12, 0.13, 0.5, 3.0])
-def test_a_rotation_over_a_step_is_reproduced_by_the_angles_at_its_end(max_angle):
-    """This is tested for floats, arrays and compiled code, at any attitude and for any size of the rotation."""
+def test_the_angles_at_the_end_of_a_step_represent_the_rotated_attitude(max_angle):
+    """The test covers floats, arrays and compiled code, arbitrary attitudes, and rotations of different sizes."""
 
     def attitude_after(roll, pitch, yaw, w, x, y, z):
         return RotationSince.of(Attitude(roll, pitch, yaw)).attitude(Quaternion(w, x, y, z))
@@ -332,8 +332,8 @@ def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymme
     assert errors[1] / errors[2] > 12.0
 
 
-def test_the_angles_of_a_swing_reproduce_any_rod():
-    """Direction and rate agree to rounding, even for a rod that is nearly along X."""
+def test_a_rod_of_a_slung_load_is_recovered_from_its_swing_angles():
+    """The direction of the rod and its rate are recovered up to rounding, even if the rod is almost parallel to X."""
     rng = np.random.default_rng(6)
     for distance in 10.0 ** np.arange(-8.0, 1.0):
         direction = np.array([rng.choice([-1.0, 1.0]), *(distance * rng.normal(size=2))])
