@@ -61,7 +61,7 @@ def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) ->
     for approach in wall_approaches(path, corridors):
         for side, clearance in (("min", approach.position - approach.low), ("max", approach.high - approach.position)):
             if clearance < _RELATIVE_TOLERANCE * approach.size:
-                # The face of a polytope has no lower wall.
+                # A face of a polytope has no lower bound, so its name needs no side.
                 where = f"{approach.wall} {side}" if np.isfinite(approach.low) else approach.wall
                 active.append(
                     ActiveConstraint("corridor", where, approach.segment, _time(path, approach.segment, approach.s))

@@ -34,8 +34,9 @@ from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix,
 
 DEGREE = 7  # degree of the polynomial of a segment
 NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be free at a waypoint
-START_DERIVATIVES = slice(1, 4)  # indices of velocity to jerk at the start, among the boundary derivatives
-END_DERIVATIVES = slice(5, 8)  # indices of velocity to jerk at the end, among the boundary derivatives
+# Indices of velocity, acceleration and jerk at the start and at the end of a segment, in its 8 boundary derivatives.
+START_DERIVATIVES = slice(1, 4)
+END_DERIVATIVES = slice(5, 8)
 # Order of each boundary derivative: position to jerk at the start, then position to jerk at the end.
 ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
@@ -105,7 +106,7 @@ class MinimumSnap:
         points: (segments + 1, axes) waypoints, m.
         durations: (segments,) positive durations, s.
         derivatives: derivatives as for `minimum_snap`, each given on all axes or on none.
-        contacts: further points at which the position along one direction is prescribed.
+        contacts: points between waypoints at which the position along one direction is prescribed.
 
     Attributes:
         boundary: (segments, 8, axes) position to jerk at the start and the end of each segment, as derivatives with
@@ -218,7 +219,7 @@ class MinimumSnap:
         """Convert derivatives at the waypoints to boundary derivatives of the segments, (segments, 8, columns).
 
         Args:
-            shared: (waypoints, 3, columns) derivatives in the waypoints' units of time.
+            shared: (waypoints, 3, columns) derivatives, each in the unit of time of its waypoint (`waypoint_units`).
         """
         boundary = np.zeros((len(shared) - 1, 8, shared.shape[2]))
         boundary[:, START_DERIVATIVES] = shared[:-1] * self._scales[:, START_DERIVATIVES, np.newaxis]
@@ -257,7 +258,8 @@ class MinimumSnap:
                     bands[row - column, column::NUM_FREE] = diagonal[:, row, column]
                 bands[NUM_FREE + row - column, column : size - NUM_FREE : NUM_FREE] = coupling[:, row, column]
         unit = 1.0 / np.sqrt(bands[0])
-        # Rows of given derivatives are not coupled to other rows, so their solution is zero.
+        # The rows of given derivatives are decoupled from the other rows, and the right-hand side is zero there. The
+        # solution is therefore zero for given derivatives.
         free = np.where(self._fixed.ravel(), 0.0, unit)
         for distance in range(1, 2 * NUM_FREE):
             bands[distance, : size - distance] *= free[: size - distance] * free[distance:]
@@ -266,7 +268,7 @@ class MinimumSnap:
         self._factor = scipy.linalg.cholesky_banded(bands, lower=True, check_finite=False)
 
     def _prepare_contacts(self) -> None:
-        """Compute the response of the free derivatives to a unit multiplier at each contact."""
+        """Compute how the free derivatives respond to a unit Lagrange multiplier of each `Contact`."""
         size = len(self._unit)
         self._rows = np.zeros((len(self.contacts), size))
         for row, contact, basis in zip(self._rows, self.contacts, self._contact_bases, strict=True):
@@ -279,7 +281,7 @@ class MinimumSnap:
         self._contact_responses = self._solve(self._rows.T.reshape(size // NUM_FREE, NUM_FREE, -1)).reshape(size, -1)
 
     def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
-        """Return the (contacts,) positions along the contact directions, m, given boundary derivatives."""
+        """Return the (contacts,) positions at which `boundary` passes each `Contact`, along its direction, m."""
         return np.array(
             [
                 basis @ boundary[contact.segment] @ direction
@@ -288,28 +290,29 @@ class MinimumSnap:
         )
 
     def _solve_with_contacts(self, right_side: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the free derivatives that move the contacts by given distances, and their Lagrange multipliers.
+        """Return the free derivatives that move the path at each `Contact`, and the contacts' Lagrange multipliers.
 
         Args:
             right_side: (waypoints, 3, axes × columns) right-hand side of the equations without contacts.
-            gaps: (contacts,) or (contacts, columns) distances by which the contacts must move along their directions,
-                m.
+            gaps: (contacts,) or (contacts, columns) distances by which the path must move at each contact, along the
+                direction of the contact, m.
         """
         solution = self._solve(right_side)
         if not self.contacts:
             return solution, np.zeros_like(gaps)
         by_axis = solution.reshape(len(self._unit), self.points.shape[1], -1)
         missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
-        # A multiplier along one direction moves the path along another direction in proportion to their scalar product.
+        # The multiplier of one contact moves the path at another contact in proportion to the scalar product of their
+        # directions.
         response = (self._rows @ self._contact_responses) * (self._directions @ self._directions.T)
-        # The equations are solved by least squares, since two contacts can be linearly dependent.
+        # Several contacts can prescribe linearly dependent positions, so the equations are solved by least squares.
         multipliers = np.linalg.lstsq(response, missing, rcond=1e-12)[0]
         by_axis -= np.einsum("uc,ca,cn->uan", self._contact_responses, self._directions, multipliers)
         multipliers = multipliers.reshape(gaps.shape)
         return by_axis.reshape(solution.shape), multipliers
 
     def _solve(self, right_side: np.ndarray) -> np.ndarray:
-        """Solve for the (waypoints, 3, columns) free derivatives, in the waypoints' units of time."""
+        """Return the (waypoints, 3, columns) free derivatives, each in the unit of time of its waypoint."""
         scaled = right_side.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
         solution = scipy.linalg.cho_solve_banded((self._factor, True), scaled, overwrite_b=True, check_finite=False)
         return np.asarray(solution * self._unit[:, np.newaxis]).reshape(right_side.shape)
@@ -328,7 +331,7 @@ def waypoint_units(durations: np.ndarray) -> np.ndarray:
 
 
 def boundary_scales(durations: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Return (segments, 8) factors from derivatives in the waypoints' units of time to those in unit time."""
+    """Return (segments, 8) factors that convert derivatives from the waypoints' units of time to unit time."""
     ratio = np.repeat(np.column_stack([durations / unit[:-1], durations / unit[1:]]), 4, axis=1)
     return np.asarray(ratio**ORDERS)
 
