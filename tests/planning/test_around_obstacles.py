@@ -179,7 +179,7 @@ def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room)
         plan_route_with_problem(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,))
     )
     predicted_error = nominal_tracking_error(room(wind, *dragged)).rms.value
-    # The fraction of the tracking error affects the plan, but not the detection of collisions.
+    # `tracking_error_factor` affects the plan, but not the clearance at which the flight detects a collision.
     assert room("space.tracking_error_factor=0.5").flight_space().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01

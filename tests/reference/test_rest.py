@@ -130,7 +130,7 @@ def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
 
 
 @pytest.mark.slow
-def test_a_flight_that_continues_after_a_route_in_motion_brakes_and_prints_a_remark():
+def test_a_flight_brakes_and_prints_a_remark_if_it_continues_after_a_route_that_ends_in_motion():
     route = {**ROUTES["Lissajous"], "laps": 1}
     flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
     rests = flight.time > flight.plan.rest_time

@@ -25,23 +25,26 @@ def mean_of(points):
 
 
 def half_space(probability):
-    """Event on one side of a plane."""
+    """Return the performance function of an event: the point lies beyond a plane."""
     return lambda points, noise: mean_of(points) + scipy.special.ndtri(probability)
 
 
 def two_sides(probability):
-    """Event for large positive or negative values of the first coordinate; a chain cannot change the sign."""
+    """Return the performance function of an event: the first coordinate is large, with either sign.
+
+    A Markov chain cannot change the sign.
+    """
     return lambda points, noise: np.abs(points[:, 0]) + scipy.special.ndtri(0.5 * probability)
 
 
 def far_away(probability):
-    """Event far from the origin in any direction of ten coordinates."""
+    """Return the performance function of an event: the first ten coordinates are far from the origin."""
     radius = math.sqrt(scipy.stats.chi2.isf(probability, 10))
     return lambda points, noise: np.linalg.norm(points[:, :10], axis=1) - radius
 
 
 def event_of_noise(probability):
-    """Event that depends on the noise only."""
+    """Return the performance function of an event that depends on the noise only."""
     return lambda points, noise: (
         mean_of(scipy.special.ndtri((noise + 0.5) / MAX_NOISE)) + scipy.special.ndtri(probability)
     )
