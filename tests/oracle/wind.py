@@ -71,7 +71,7 @@ class Dryden:
 
     @staticmethod
     def _sampled(T, h):
-        """Return the transition matrix of the filter states f and g, and the Cholesky factor of their noise per step."""
+        """Return the transition matrix of the filter states f and g, and the Cholesky factor of the noise per step."""
 
         def response(t):
             return math.sqrt(2.0 / T) * math.exp(-t / T) * np.array([1.0, t / T])
