@@ -30,8 +30,8 @@ from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
 
-# Largest ratio of the time step to the shortest time constant. The fourth-order Runge-Kutta method is stable up to
-# 2.78.
+# Largest ratio of the vehicle's time step to the shortest time constant of its motion. The fourth-order Runge-Kutta
+# method is stable up to 2.78.
 _MAX_STABLE_STEP = 2.5
 # Prefixes that the paths of wind systems and sensors have in the laboratory.
 _WIND_PREFIX = "wind."

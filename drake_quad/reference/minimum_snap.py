@@ -139,7 +139,7 @@ class MinimumSnap:
         known *= (unit[:, np.newaxis] ** np.arange(1, NUM_FREE + 1))[:, :, np.newaxis]
         self.boundary = self._to_boundary(known)
         self.boundary[:, 4] = np.diff(points, axis=0)
-        # Each row maps the boundary derivatives of a segment to the position at a contact.
+        # Each row maps the boundary derivatives of a segment to the position at a `Contact`.
         self._contact_bases = [power_basis(0, contact.s, DEGREE + 1) @ FROM_BOUNDARY for contact in self.contacts]
         identity = np.eye(axes)
         self._directions = np.array(
@@ -180,8 +180,8 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The multipliers belong to the weighted cost, in which the shortest segment has the weight one, so they are
-        # scaled.
+        # The Lagrange multipliers of the contacts belong to the weighted cost, in which the shortest segment has the
+        # weight one, so they are scaled.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):

@@ -39,7 +39,8 @@ WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
 # because no margin is possible at a waypoint on a wall.
 _WALL_TOLERANCE = 1e-7
 _MAX_ROUNDS = 25  # largest number of times that the program is solved, each time with additional bounds
-# Weight of the snap cost relative to the slack. It only selects among paths with equal slack.
+# Weight of the snap cost relative to the weight of the slack, which is the violation of the relaxed constraints. The
+# snap cost only selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
 
 

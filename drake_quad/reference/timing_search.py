@@ -26,13 +26,14 @@ _MIN_CLOSED_FORM_DURATION_RATIO = 1e-3
 # Smallest initial duration of a segment, relative to the longest duration of a segment, for routes that require the
 # solver.
 _MIN_SOLVER_DURATION_RATIO = 1e-2
-# Largest number of rounds in which the times are adapted to the path.
+# Largest number of rounds of the search. In each round, the times are adapted to the path, and then the path to the
+# times.
 _MAX_ROUNDS = 10
-# The search ends after a round whose relative gain is smaller than this.
+# The search ends after a round in which the cost decreases by less than this fraction.
 _MIN_GAIN = 1e-3
 # Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
 _CONTACT_TOLERANCE = 1e-4
-# Distance from the ends of a segment, in unit time, within which contacts are ignored.
+# Distance from the ends of a segment, in unit time, within which contacts of the path with walls are ignored.
 _CONTACT_END_MARGIN = 0.02
 # Largest change of the logarithm of a duration in the first round.
 _INITIAL_LOG_CHANGE = 0.3
@@ -44,7 +45,8 @@ _MIN_TOTAL_DURATION = 1e-3
 # A second search is started if a path takes more than this fraction of the duration of a flight that stops at every
 # waypoint.
 _MAX_FRACTION_OF_STOPPING = 0.95
-# Total durations to try if derivatives are given, relative to a flight that stops at every waypoint.
+# Total durations that are tried if derivatives are given at waypoints, relative to the duration of a flight that stops
+# at every waypoint.
 _TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 

@@ -100,7 +100,7 @@ def test_rows_are_packed_one_after_another(n):
         pack_rows([np.zeros(2)], n)
 
 
-def test_where_keeps_fields_that_are_none():
+def test_the_function_where_keeps_fields_that_are_none():
     assert where(np.array([True, False]), Parts(1.0, None, 2.0), Parts(3.0, None, 4.0)).nothing is None
 
 

@@ -137,7 +137,7 @@ def program():
     return _program.__wrapped__()
 
 
-def test_a_program_is_identified_by_its_sources(package):
+def test_the_version_of_a_program_depends_on_its_sources(package):
     before = program()
     assert before == program()
     source = package / "symbols.py"

@@ -273,7 +273,7 @@ def test_a_path_attains_prescribed_positions_at_minimum_cost():
     np.testing.assert_allclose(solved.coefficients, held.path().coefficients, atol=1e-5 * scale)
 
 
-def test_the_cost_agrees_with_the_coefficients():
+def test_the_cost_from_boundary_derivatives_equals_the_cost_from_polynomial_coefficients():
     rng = np.random.default_rng(4)
     solution = MinimumSnap(rng.normal(size=(9, 3)), rng.uniform(0.3, 3.0, 8))
     assert solution.cost == pytest.approx(snap_cost(solution.path()).sum(), rel=1e-12)

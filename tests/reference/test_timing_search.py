@@ -163,7 +163,7 @@ def test_a_grid_search_finds_no_better_times_for_a_given_velocity():
     assert actual.duration <= 1.01 * min(totals)
 
 
-def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
+def test_a_given_velocity_that_is_infeasible_for_all_durations_is_reported():
     """A metre is too short to brake from 1.9 m/s at 1 m/s²."""
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(

@@ -175,7 +175,7 @@ def test_random_passages_are_feasible(places):
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
-    """Two routes around a square are equally long, and both are drawn. If one becomes longer, only one is drawn."""
+    """Two routes around a square are equally long, and both are found. If one becomes longer, it is not found."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
@@ -239,7 +239,7 @@ def test_candidate_regions_are_the_chain_of_the_leg_and_then_regions_on_the_shor
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_passages_drawn_without_random_factors_are_the_shortest_between_centres(monkeypatch, seed):
+def test_without_random_factors_passages_are_the_shortest_between_the_centres_of_regions(monkeypatch, seed):
     """The cost is the length of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])

@@ -13,7 +13,7 @@ EXAMPLE = Interval(value=0.2, low=0.1, high=0.4)
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 
 
-def test_negation_and_shifts_change_the_value_and_both_ends():
+def test_negation_and_shifts_change_the_value_and_both_ends_of_an_interval():
     assert -EXAMPLE == (-0.2, -0.4, -0.1)
     assert EXAMPLE.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
     # The estimate is a ratio, and this is the corresponding reduction, 1 - ratio.

@@ -102,7 +102,7 @@ def test_the_probability_of_exceedance_is_known_at_all_levels():
     assert [run.exceedance(np.zeros(1))[0] for run in runs] == [run.probability for run in runs]
 
 
-def test_a_frequent_event_needs_no_chains():
+def test_a_frequent_event_needs_no_markov_chains():
     run = subset_simulation(half_space(0.3), DIMENSION, NUM_NOISE, np.random.default_rng(0), size=1000)
     assert run.num_evaluations == 1000
     assert run.probability == pytest.approx(0.3, abs=0.06)
