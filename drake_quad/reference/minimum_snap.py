@@ -3,10 +3,11 @@
 On segment i of duration T_i, each axis is the polynomial p(s) = Σ c_k s^k, k = 0..7, with s = (t - t_i) / T_i in [0, 1]
 (paper eq (20)). The cost is ∫ (d⁴p/dt⁴)² dt, summed over the segments (paper eqs (18), (19)).
 
-The boundary derivatives of a segment, position to jerk at both ends, determine its polynomial of degree 7. The
-positions are the waypoints. Velocity, acceleration and jerk are given at some waypoints, and are zero at both ends of
-the path (paper, section on the trajectory). Each waypoint has three free derivatives per axis. Both segments that meet
-at a waypoint share these derivatives, so the path has three continuous derivatives by construction.
+The boundary derivatives of a segment are position, velocity, acceleration and jerk at both ends. They determine its
+polynomial of degree 7. The positions are the waypoints. Velocity, acceleration and jerk are given at some waypoints,
+and are zero at both ends of the path (paper, section on the trajectory). Each waypoint has three free derivatives per
+axis. Both segments that meet at a waypoint share these derivatives, so the path has three continuous derivatives by
+construction.
 
 The cost is a positive definite quadratic form in the free derivatives, with a block tridiagonal matrix. Its minimum
 therefore requires one banded Cholesky factorisation, whose cost is linear in the number of segments. At the minimum,
@@ -37,7 +38,7 @@ NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be fre
 # Indices of velocity, acceleration and jerk at the start and at the end of a segment, in its 8 boundary derivatives.
 START_DERIVATIVES = slice(1, 4)
 END_DERIVATIVES = slice(5, 8)
-# Order of each boundary derivative: position to jerk at the start, then position to jerk at the end.
+# Order of each boundary derivative: 0 (position) to 3 (jerk) at the start, then 0 to 3 at the end.
 ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
 
@@ -109,8 +110,8 @@ class MinimumSnap:
         contacts: points between waypoints at which the position along one direction is prescribed.
 
     Attributes:
-        boundary: (segments, 8, axes) position to jerk at the start and the end of each segment, as derivatives with
-            respect to s, m. Positions are relative to the start of the segment.
+        boundary: (segments, 8, axes) position, velocity, acceleration and jerk at the start and then at the end of each
+            segment, as derivatives with respect to s, m. Positions are relative to the start of the segment.
     """
 
     def __init__(
@@ -281,7 +282,7 @@ class MinimumSnap:
         self._contact_responses = self._solve(self._rows.T.reshape(size // NUM_FREE, NUM_FREE, -1)).reshape(size, -1)
 
     def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
-        """Return the (contacts,) positions at which `boundary` passes each `Contact`, along its direction, m."""
+        """Return the position of a path at each `Contact`, along the direction of the contact, (contacts,) in m."""
         return np.array(
             [
                 basis @ boundary[contact.segment] @ direction

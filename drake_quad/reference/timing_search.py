@@ -98,7 +98,7 @@ def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarr
 
 
 def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """Return a path without limits, with durations from a rule.
+    """Return the minimum-snap path without limits whose durations are computed by `rule` from the waypoints.
 
     The rule is applied twice, since the durations affect where the path passes through the waypoint regions.
     """
@@ -111,7 +111,7 @@ def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray]
 
 
 def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
-    """Scale all durations so that the path attains one limit and satisfies the other."""
+    """Scale all durations by the smallest factor with which the path satisfies its speed and acceleration limits."""
     factor = stretch_factor(path, limits)
     if factor * path.duration < _MIN_TOTAL_DURATION:
         raise InputError("one point lies in the regions of all waypoints, so the vehicle need not move; give the times")

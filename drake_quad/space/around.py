@@ -63,7 +63,7 @@ def direct_route(problem: PathProblem) -> CollisionFreeRoute:
 
 
 def with_bounds(problem: PathProblem, bounds: Box | None) -> PathProblem:
-    """Add the constraint that the path stays within bounds to a problem.
+    """Add to a problem the constraint that the path stays within bounds.
 
     Raises:
         InputError: if a corridor or a waypoint lies outside the bounds.
@@ -149,7 +149,7 @@ def _paths_and_costs(
 
 
 def _timing_for(route: CollisionFreeRoute, timing: Timing) -> Timing:
-    """Return the timing for a route. Given times are interpolated at additional waypoints, by polyline length."""
+    """Return the timing for a route. Additional waypoints get times in proportion to the length of the polyline."""
     if not isinstance(timing, FixedTimes):
         return timing
     steps = np.linalg.norm(np.diff(route.problem.representatives(), axis=0), axis=1)

@@ -92,11 +92,11 @@ class Interval(NamedTuple):
         return Interval(self.value, math.nan, math.nan)
 
     def percent(self) -> str:
-        """Return a fraction as text in per cent, as in `text`. No end of the interval is rounded to 0 or 100 %."""
+        """Return a fraction as text in per cent; see `text`, whose argument `levels` is 0 and 100 %."""
         return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
 
     def ratio(self) -> str:
-        """Return a ratio as text, as in `text`. No end of the interval is rounded to 0 or 1."""
+        """Return a ratio as text; see `text`, whose argument `levels` is 0 and 1."""
         return self.text(levels=(0.0, 1.0))
 
     def metres(self) -> str:

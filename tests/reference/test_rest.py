@@ -185,7 +185,7 @@ def test_braking_into_an_obstacle_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(4.0)
     longer = load_scenario("figure_eight", {**overrides, "duration": 10.0})
-    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route comes to .* from wall"):
+    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route is .* from wall"):
         flight_duration(longer, plan_route(longer))
 
 
