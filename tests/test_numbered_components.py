@@ -69,7 +69,7 @@ def test_identification_accesses_components_of_states_by_name(root):
 @pytest.mark.parametrize(
     ("text", "counts"), [("state[5:2:-1]", 1), ("state[3, w]", 1), ("state[:, 1:]", 0), ("state[row : row + 3]", 0)]
 )
-def test_the_check_finds_numbered_components_of_states(text, counts):
+def test_the_check_finds_access_by_number_to_components_of_states(text, counts):
     assert len([*numbered_states(ast.parse(text))]) == counts
 
 
@@ -101,6 +101,6 @@ def test_the_check_finds_integer_indices(text, counts):
 
 
 @pytest.mark.parametrize("text", ["flight['state'][:, 0:3]", "flight.record('state')[2]", "study.metrics[0]"])
-def test_the_check_finds_numbered_components_of_signals_and_metrics(text):
+def test_the_check_finds_access_by_number_to_components_of_signals_and_metrics(text):
     (node,) = integer_indices(ast.parse(text))
     assert is_signal(node.value)

@@ -30,8 +30,8 @@ from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, InitialMotion, QuadrotorConfig, initial_body_state
 
-# Largest ratio of the time step to the shortest time constant. The fourth-order Runge-Kutta method is stable up to
-# 2.78.
+# Largest ratio of the vehicle's time step to the shortest time constant of its motion. The fourth-order Runge-Kutta
+# method is stable up to 2.78.
 _MAX_STABLE_STEP = 2.5
 # Prefixes that the paths of wind systems and sensors have in the laboratory.
 _WIND_PREFIX = "wind."
@@ -220,7 +220,7 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the autopilot, which follows the radio link; empty if the scenario has no autopilot."""
+    """Return the recipe for the autopilot by its name in the diagram; empty if the scenario has no autopilot."""
     settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
     follows_attitude = not scenario.control.commands_rates_only()
     return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)

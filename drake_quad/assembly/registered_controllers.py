@@ -147,9 +147,9 @@ def register_controller(system: Any) -> str:
 
 
 def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, Any]:
-    """Return a new system for each registered kind in a scenario that is not a `FleetSystem`.
+    """Return a new system for each user-defined controller of a scenario whose class is not a `FleetSystem`.
 
-    The keys are names of arguments of `simulate`, which accept the systems.
+    Each key is the name of the argument of `simulate` that accepts the system.
     """
     control: Any = scenario.control
     settings = {"control": control, "position_controller": getattr(control, "position", None)}
@@ -228,7 +228,7 @@ def _recipe(settings: Any) -> Recipe:
 
 
 def _registered(kind: str, system: type) -> Any:
-    """Return the settings of a kind if this system class is registered for it; otherwise None."""
+    """Return the settings that are registered as `kind` if they belong to this system class; otherwise None."""
     found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
     # Exported code has a kind whose name contains a digest of the code, so different code has a different kind.
     is_same = getattr(found, "system", None) is system or (found is not None and issubclass(system, ExportedController))

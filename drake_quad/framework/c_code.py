@@ -47,14 +47,14 @@ class _Template(NamedTuple):
     limits: tuple[int, ...]
 
 
-# Precedences in C. A larger number binds more tightly.
-_ATOM = 16  # name, number or call
-_UNARY = 15  # unary operator
-_ANY = 0  # weakest operator, which is allowed in an argument of a call
+# Precedences of expressions in C. The operator with the larger precedence binds more tightly.
+_ATOM_PRECEDENCE = 16  # precedence of a name, number or call
+_UNARY_PRECEDENCE = 15  # precedence of a unary operator
+_LOWEST_PRECEDENCE = 0  # precedence below that of every operator, so that an operand never needs parentheses
 
 
 def _call(text: str, operands: int = 1) -> _Template:
-    return _Template(text, _ATOM, (_ANY,) * operands)
+    return _Template(text, _ATOM_PRECEDENCE, (_LOWEST_PRECEDENCE,) * operands)
 
 
 def _left_associative(operator: str, precedence: int) -> _Template:
@@ -63,7 +63,7 @@ def _left_associative(operator: str, precedence: int) -> _Template:
 
 def _in_parentheses(operator: str, precedence: int) -> _Template:
     """Return the template of an operator whose compound operands are always put into parentheses."""
-    return _Template(f"{{0}} {operator} {{1}}", precedence, (_UNARY, _UNARY))
+    return _Template(f"{{0}} {operator} {{1}}", precedence, (_UNARY_PRECEDENCE, _UNARY_PRECEDENCE))
 
 
 # C expression for each operation. `drake_quad.framework.instructions` contains the LLVM instructions for the same
@@ -73,7 +73,7 @@ EXPRESSIONS = {
     "subtract": _left_associative("-", 12),
     "multiply": _left_associative("*", 13),
     "divide": _left_associative("/", 13),
-    "negative": _Template("-{0}", _UNARY, (_ATOM,)),
+    "negative": _Template("-{0}", _UNARY_PRECEDENCE, (_ATOM_PRECEDENCE,)),
     "absolute": _call("fabs{f}({0})"),
     "square_root": _call("sqrt{f}({0})"),
     "nearest": _call("rint{f}({0})"),
@@ -88,9 +88,9 @@ EXPRESSIONS = {
     "select": _Template("{0} ? {1} : {2}", 3, (9, 4, 4)),
     "float_bits": _call("float_bits({0})"),
     "number_of": _call("number_of({0})"),
-    "sign_bit": _Template("{0} >> 63 != 0", 9, (_UNARY,)),
+    "sign_bit": _Template("{0} >> 63 != 0", 9, (_UNARY_PRECEDENCE,)),
     "word_of_truth": _call("(uint64_t)({0})"),
-    "truth_of_word": _Template("({0} & 1) != 0", 9, (_UNARY,)),
+    "truth_of_word": _Template("({0} & 1) != 0", 9, (_UNARY_PRECEDENCE,)),
 }
 # C expressions for those operations that are written differently for 64-bit words and booleans than for numbers.
 _BITWISE = {
@@ -109,7 +109,7 @@ _LOGICAL = {
     "bitwise_xor": _in_parentheses("!=", 9),
 }
 _TYPES = {SymbolKind.NUMBER: "{real}", SymbolKind.TRUTH: "bool", SymbolKind.WORD: "uint64_t"}
-# Functions of `math.h` for the elementary functions, one for each result.
+# For each elementary function, the single-precision functions of `math.h` that compute its results, in order.
 _SINGLE_PRECISION_FUNCTIONS = {
     "sin_cos": ("sinf", "cosf"),
     "exp": ("expf",),
@@ -198,8 +198,9 @@ static double multiply_add(double x, double y, double z)
 }
 #endif
 """
-# Smaller 64-bit words, such as shift counts, are written in decimal notation.
-_MAX_PLAIN_WORD = 64
+# Smallest 64-bit word that is written in hexadecimal notation. Smaller words, such as shift counts, are written in
+# decimal notation.
+_MIN_HEXADECIMAL_WORD = 64
 # Largest length of an expression that is written inside another expression, in characters.
 _MAX_INLINE_LENGTH = 60
 # Number of weights per line in the C code of a constant array.
@@ -257,7 +258,10 @@ class Functions:
         self._names: dict[Function | Branch | SymbolLayer, str] = {}
 
     def elementary(self, function: Function) -> tuple[str, ...] | str:
-        """Return the name of a static function, or for single precision the `math.h` function for each result."""
+        """Return the name of the static function that computes an elementary function.
+
+        In single precision, return a tuple instead: the name of a function of `math.h` for each result.
+        """
         if self.precision is SINGLE:
             return _SINGLE_PRECISION_FUNCTIONS[function.name]
         return self._named(function, f"approximate_{function.name}", self._branch_text, function.approximation)
@@ -429,7 +433,7 @@ class Body:
         self._names, self._taken = names or {}, {*reserved}
         self._expressions: dict[int, Expression] = {}
         self._arrays: dict[tuple[object, tuple[int, ...]], str] = {}
-        self._one = Expression(constant_text(1.0, functions.precision), _ATOM)
+        self._one = Expression(constant_text(1.0, functions.precision), _ATOM_PRECEDENCE)
         symbols = [result if isinstance(result, Symbol) else listing.constant(result) for result in results]
         self._operations = listing.operations
         self._uses = self._count_uses([symbol.line for symbol in symbols])
@@ -467,7 +471,7 @@ class Body:
             for (text, precedence), limit in zip(operands, template.limits, strict=True)
         ]
         text = template.text.format(*texts, f=self._functions.precision.suffix)
-        return self._stored(line, Expression(text, template.precedence))
+        return self._inlined_or_assigned(line, Expression(text, template.precedence))
 
     def _template(self, line: int) -> _Template:
         operation = self._operations[line]
@@ -481,26 +485,26 @@ class Body:
         operation = self._operations[line]
         if operation.name == "row":
             group, index = operation.operands
-            return Expression(self._row(group, index), _ATOM)
+            return Expression(self._row(group, index), _ATOM_PRECEDENCE)
         (bits,) = operation.operands
         if operation.name == "shared":
-            return Expression("time", _ATOM)
+            return Expression("time", _ATOM_PRECEDENCE)
         if operation.kind is SymbolKind.NUMBER:
             text = constant_text(float(np.uint64(bits).view(np.float64)), self._functions.precision)
-            return Expression(text, _UNARY if text.startswith("-") else _ATOM)
+            return Expression(text, _UNARY_PRECEDENCE if text.startswith("-") else _ATOM_PRECEDENCE)
         if operation.kind is SymbolKind.TRUTH:
-            return Expression("true" if bits else "false", _ATOM)
-        return Expression(f"{bits}" if bits < _MAX_PLAIN_WORD else f"UINT64_C({bits:#x})", _ATOM)
+            return Expression("true" if bits else "false", _ATOM_PRECEDENCE)
+        return Expression(f"{bits}" if bits < _MIN_HEXADECIMAL_WORD else f"UINT64_C({bits:#x})", _ATOM_PRECEDENCE)
 
-    def _stored(self, line: int, expression: Expression) -> Expression:
-        """Return an expression that is short and used once; store other values in variables and return the names."""
+    def _inlined_or_assigned(self, line: int, expression: Expression) -> Expression:
+        """Return an expression unchanged if it is short and used once; otherwise return a variable with its value."""
         is_short = len(expression.text) <= _MAX_INLINE_LENGTH
         if self._uses[line] == 1 and line not in self._names and is_short:
             return expression
         name = self._variable(self._names.get(line, "t"), always_numbered=line not in self._names)
         kind = _TYPES[self._operations[line].kind].format(real=self._functions.precision.real)
         self.lines.append(f"const {kind} {name} = {expression.text};")
-        return Expression(name, _ATOM)
+        return Expression(name, _ATOM_PRECEDENCE)
 
     def _variable(self, name: str, *, always_numbered: bool = False) -> str:
         """Return a new name of a local variable."""
@@ -522,14 +526,14 @@ class Body:
             arguments = ", ".join(self._expressions[operand].text for operand in operation.operands)
             if isinstance(names, tuple):
                 self.num_operations += 1
-                return self._stored(line, Expression(f"{names[index]}({arguments})", _ATOM))
+                return self._inlined_or_assigned(line, Expression(f"{names[index]}({arguments})", _ATOM_PRECEDENCE))
             if len(part.approximation.results) == 1:
                 self.num_operations += self._functions.num_operations[names]
-                return self._stored(line, Expression(f"{names}({arguments})", _ATOM))
+                return self._inlined_or_assigned(line, Expression(f"{names}({arguments})", _ATOM_PRECEDENCE))
         key = part, operation.operands
         if key not in self._arrays:
             self._arrays[key] = self._call(part, operation.operands)
-        return self._stored(line, Expression(f"{self._arrays[key]}[{index}]", _ATOM))
+        return self._inlined_or_assigned(line, Expression(f"{self._arrays[key]}[{index}]", _ATOM_PRECEDENCE))
 
     def _call(self, part: Branch | SymbolLayer | Function, operands: tuple[int, ...]) -> str:
         """Append a call with several results, and return the name of the array of its results."""

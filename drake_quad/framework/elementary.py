@@ -220,14 +220,20 @@ def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row])
     return outputs
 
 
-def _replace_masked(mask: np.ndarray, some: Any, others: Any) -> Any:
-    """Return `others` with the values of the masked vehicles replaced by `some`, which contains only these."""
-    if isinstance(others, tuple):
-        rows = [_replace_masked(mask, row, other) for row, other in zip(some, others, strict=True)]
-        return others._make(rows) if hasattr(others, "_make") else tuple(rows)
-    placed = np.empty(mask.shape, dtype=np.result_type(np.asarray(some), np.asarray(others)))
-    placed[...] = others
-    placed[mask] = some
+def _replace_masked(mask: np.ndarray, new: Any, old: Any) -> Any:
+    """Return the values of all vehicles, of which those of the masked vehicles are replaced.
+
+    Args:
+        mask: (N,) True for a vehicle whose value is replaced.
+        new: value, row or tuple of rows, with one column for each masked vehicle.
+        old: value, row or tuple of rows, with one column for each of the N vehicles.
+    """
+    if isinstance(old, tuple):
+        rows = [_replace_masked(mask, new_row, old_row) for new_row, old_row in zip(new, old, strict=True)]
+        return old._make(rows) if hasattr(old, "_make") else tuple(rows)
+    placed = np.empty(mask.shape, dtype=np.result_type(np.asarray(new), np.asarray(old)))
+    placed[...] = old
+    placed[mask] = new
     return _of_one_type(placed)
 
 

@@ -184,8 +184,9 @@ class Computation:
     Attributes:
         formula: function of records and constants.
         reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
-        results: layouts of the results; `ABSENT` for the result of an optional state that is not declared.
-        writes: state groups to which the results are written; empty for an output.
+        results: layout of each result. It is `ABSENT` if the result is for an optional state that the system does not
+            declare.
+        writes: state groups to which the results are written; empty if the results belong to an output port.
     """
 
     def __init__(self, formula: Callable[..., Any], reads: Sequence[Any], targets: Sequence[Any]) -> None:
@@ -365,7 +366,7 @@ class FleetSystem(_Base):
         return Input(name, index, layout, REQUIRED)
 
     def parameter(self, name: str, recipe: Callable[[Any], Any]) -> Parameter:
-        """Declare a numeric parameter, given the function that computes its record from the parameters."""
+        """Declare a numeric parameter, given the function of `parameters` that computes its record."""
         record = recipe(self._parameter_record)
         layout = layout_of(type(record), record)
         index = self.DeclareNumericParameter(self._vector(layout, record))
@@ -375,12 +376,12 @@ class FleetSystem(_Base):
     def state(
         self, name: str, recipe: Callable[[Any], Any], *, layout: Layout | None = None, is_scheduled: bool = False
     ) -> StateGroup:
-        """Declare a discrete state group, given the function that computes its initial record from the parameters.
+        """Declare a discrete state group, given the function of `parameters` that computes its initial record.
 
         Args:
             name: name of the group.
-            recipe: function that computes the initial record from the parameters.
-            layout: layout of the rows; by default that of the initial record.
+            recipe: function of `parameters` that computes the initial record.
+            layout: layout of the record; by default that of the initial record.
             is_scheduled: True for a group that linear models leave out; see `StateGroup`.
         """
         record = recipe(self._parameter_record)
@@ -390,7 +391,7 @@ class FleetSystem(_Base):
         return self.states[name]
 
     def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:
-        """Declare the continuous state, given the function that computes its initial record from the parameters."""
+        """Declare the continuous state, given the function of `parameters` that computes its initial record."""
         record = recipe(self._parameter_record)
         layout = layout_of(type(record), record)
         self.DeclareContinuousState(self._vector(layout, record))
@@ -515,7 +516,7 @@ class FleetSystem(_Base):
         derivatives.get_mutable_vector().SetFromVector(rates.CopyToVector())
 
     def reset(self, context: Context, parameters: Any) -> None:
-        """Reset parameters and state in a context to the defaults that a system with other parameters would have.
+        """Set numeric parameters and state in a context to those of a new system that is constructed with `parameters`.
 
         Args:
             context: context of this system.
@@ -526,7 +527,7 @@ class FleetSystem(_Base):
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(parameters)))
 
     def set_parameters(self, context: Context, parameters: Any) -> None:
-        """Set the numeric parameters in a context to the defaults that a system with other parameters would have.
+        """Set the numeric parameters in a context to those of a new system that is constructed with `parameters`.
 
         Args:
             context: context of this system.
@@ -621,7 +622,7 @@ def _counted(declare: Callable[..., None]) -> Callable[..., None]:
     """Wrap a Drake method that declares events, to count these events."""
 
     def counted(self: FleetSystem, *args: Any, **options: Any) -> None:
-        """Declare an event as Drake's method does, and count it.
+        """Call Drake's method of the same name, which declares an event, and increase `num_events` by one.
 
         :meta private:
         """

@@ -276,7 +276,8 @@ class _Calls:
 def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) -> str:
     """Return the LLVM code of a layer.
 
-    The layer's constants are stored block of rows by block of rows: first the biases, then the columns.
+    The rows of the layer are divided into blocks. The constants of a block are adjacent: first the biases of its rows,
+    then the weights of its rows, column by column.
     """
     rows, columns = layer.matrix.shape
     type_, block = _type(SymbolKind.NUMBER, lanes), range(_BLOCK_ROWS)
@@ -358,7 +359,7 @@ def _write_operation(
     shared: str | Rows,
     lanes: int,
 ) -> str:
-    """Append the instructions for a listing line, and return the name of the result or the text of a constant."""
+    """Append the instructions for one operation of a listing, and return the name of its result, or a constant."""
     operation = listing.operations[number]
     kind, name = operation.kind, f"%v{number}"
     type_ = _type(kind, lanes)

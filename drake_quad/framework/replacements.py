@@ -1,4 +1,7 @@
-"""Replacements for functions and operators that do not accept rows of a formula, and error messages that name them."""
+"""Replacements for functions and operators that a formula cannot apply to rows, and error messages that name them.
+
+A row is a quantity that has one value for each vehicle of a fleet.
+"""
 
 import re
 import sys
@@ -67,8 +70,8 @@ The names in the expressions are rows, `math`, and the functions of `drake_quad.
 rows.
 """
 
-# Keys of `REPLACEMENTS` for further function names: other names of the same function, and functions with the same
-# replacement.
+# Further function names, each with the key of `REPLACEMENTS` whose expression applies. A further name is another name
+# of the same function, or the name of a function that has the same replacement.
 _OTHER_NAMES = {
     "abs": "absolute",
     "acos": "arccos",
@@ -108,25 +111,25 @@ def names_and_replacements() -> list[tuple[list[str], str]]:
 
 
 def unsupported_operation(function: str, expression: str | None) -> TypeError:
-    """Return the error for a function or operator that does not accept rows.
+    """Return the TypeError for a function or operator that a formula cannot apply to rows.
 
     Args:
         function: description of the function or operator, such as `numpy.sin`.
         expression: expression that a formula may use instead; None if there is none.
     """
     hint = f"use {expression} instead, with the functions of drake_quad.framework.elementary" if expression else ALLOWED
-    return TypeError(f"{function} does not accept a row of a formula; {hint}")
+    return TypeError(f"{function} does not accept a row, the values of a quantity for all vehicles; {hint}")
 
 
 def numpy_function_error(name: str) -> TypeError:
-    """Return the error for a function of NumPy, or of `scipy.special`, that does not accept rows."""
+    """Return the TypeError for a function of NumPy or `scipy.special` that a formula cannot apply to rows."""
     modules = {"numpy": np, "numpy.linalg": np.linalg}
     module = next((module for module, contents in modules.items() if hasattr(contents, name)), "scipy.special")
     return unsupported_operation(f"{module}.{name}", replacement(name))
 
 
 def power_error(exponent: object) -> TypeError:
-    """Return the error for a row that is raised to a power."""
+    """Return the TypeError for the operator `**`, which a formula cannot apply to rows."""
     known = {2: "x * x", 3: "x * x * x", 0.5: "sqrt(x)"}
     return unsupported_operation(
         "`**`", known.get(exponent, replacement("power")) if isinstance(exponent, int | float) else None

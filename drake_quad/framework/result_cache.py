@@ -90,7 +90,7 @@ def _identity(value: Any) -> bytes | None:
 
 @functools.cache
 def _program() -> tuple[Any, ...] | None:
-    """Return a digest of everything but the arguments on which results depend; None if it cannot be determined."""
+    """Return the versions of sources, libraries and processor, on which results depend; None if they are unknown."""
     digest, sources = hashlib.sha256(), sorted(_PACKAGE_FOLDER.rglob("*.py"))
     with suppress(OSError):
         # If the package is in an archive, its sources cannot be read.

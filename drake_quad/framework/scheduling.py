@@ -21,7 +21,7 @@ from drake_quad.framework.symbols import LEAVES, Listing
 # slower, and a window of 1,000 lines was as fast. On a processor with 16 registers, a window of 60 lines was 2 %
 # slower, and a window of 400 lines was 6 % slower.
 _WINDOW = 600 if REGISTERS > 16 else 150
-# Largest number of lines that start in one cycle.
+# Largest number of lines of a formula that a processor starts in one cycle.
 _LINES_PER_CYCLE = 3
 # Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"). The latency of all other instructions is one cycle.
 # A number and its bits share a register, so their conversion takes no time. The result of a comparison is written to a

@@ -69,7 +69,7 @@ class Branch(NamedTuple):
     """Part of a formula that is executed only if at least one vehicle of a vector needs it.
 
     Attributes:
-        operations: lines of the branch. The arguments of the branch are the rows of group 0.
+        operations: lines of the branch. A "row" operation of group 0 reads an argument of the branch.
         results: numbers of the lines that are the results.
     """
 
@@ -138,11 +138,12 @@ class SymbolLayer(NamedTuple):
 
 
 class Function(NamedTuple):
-    """Elementary function that a listing calls, with the approximation that computes it in double precision.
+    """Elementary function that generated code calls by name, with its approximation in double precision.
 
     Attributes:
         name: name of the function.
-        approximation: operations of the approximation. The function's arguments are the rows of group 0.
+        approximation: operations that compute the function. A "row" operation of group 0 reads an argument of the
+            function.
     """
 
     name: str
@@ -175,7 +176,7 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> int:
-        """Return the number of a line, which is added unless it exists already; the arguments are as in `Operation`."""
+        """Return the index of an operation in the listing, and append a new operation; arguments as in `Operation`."""
         key = name, operands, kind, inside
         line = self._lines.get(key)
         if line is None:
@@ -192,7 +193,7 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> "Symbol":
-        """Return the symbol of a line, which is added unless it exists already; the arguments are as in `Operation`."""
+        """Return the symbol of an operation in the listing, and append a new operation; arguments as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
 
     def digest(self) -> str:
@@ -259,7 +260,7 @@ def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
 
 
 def _identity(inside: tuple[Branch | SymbolLayer | Function, int], known: dict[int, bytes]) -> tuple[bytes, int]:
-    """Return the digest of a branch, layer or function, and the index of one of its results."""
+    """Return the digest of the branch, layer or function in `Operation.inside`, and the index of the result."""
     part, index = inside
     if id(part) not in known:
         match part:
@@ -305,7 +306,7 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
 
 
 def _refused(function: str, name: str) -> Callable[..., Any]:
-    """Return a method that raises the error for an operator or function that does not accept rows.
+    """Return a method that raises the TypeError for an operator or function that a formula cannot apply to rows.
 
     Args:
         function: description of the operator or function.
@@ -505,7 +506,7 @@ def _first_symbol(operands: Sequence[Any]) -> Symbol:
 
 
 def are_same(x: Any, y: Any) -> bool:
-    """Return whether two rows are the same object, or symbols for the same line."""
+    """Return whether two rows are the same object, or symbols for the same line of a listing."""
     if x.__class__ is Symbol and y.__class__ is Symbol:
         return x.listing is y.listing and x.line == y.line
     return x is y

@@ -18,9 +18,9 @@ _MAX_DEPTH = 4
 def collect_names(listing: Listing) -> Iterator[dict[int, str]]:
     """Collect the local variable names of all functions that return during the `with` statement.
 
-    The `with` statement yields a mapping from listing lines to names. If several variables contain a line, its name
-    comes from the function that returns last, which is the outermost function. The name of a record's field consists of
-    the variable's name, an underscore, and the field's name.
+    The `with` statement yields a mapping from line numbers of the listing to names. If variables of several functions
+    contain the result of the same line, the name comes from the function that returns last, which is the outermost
+    function. The name of a record's field consists of the variable's name, an underscore, and the field's name.
     """
     names: dict[int, str] = {}
 

@@ -43,6 +43,6 @@ def check_obstacles(path: PolynomialPath, space: Space | None) -> None:
     approach = None if space is None else nearest_approach(path, space)
     if space is not None and approach is not None and approach.distance < space.radius:
         raise InputError(
-            f"the route comes to {approach}, nearer than the radius of the vehicle, {space.radius:.3g} m; use a route"
-            " of kind waypoints without laps, which is planned around obstacles"
+            f"the route is {approach}, but the radius of the vehicle is {space.radius:.3g} m; use a route of kind"
+            " `waypoints` without `laps`, which is planned around obstacles"
         )

@@ -10,7 +10,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
 from drake_quad.reference.regions import Corridor
 from drake_quad.reference.walls import wall_approaches
 
-# Tolerance for an active constraint, relative to the limit or to the largest extent of the corridor.
+# A constraint is active if the difference between the path and the limit or wall is at most this tolerance, relative to
+# the limit or to the largest extent of the corridor.
 _RELATIVE_TOLERANCE = 1e-3
 
 
@@ -61,7 +62,7 @@ def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) ->
     for approach in wall_approaches(path, corridors):
         for side, clearance in (("min", approach.position - approach.low), ("max", approach.high - approach.position)):
             if clearance < _RELATIVE_TOLERANCE * approach.size:
-                # The face of a polytope has no lower wall.
+                # A face of a polytope has no lower bound, so its name needs no side.
                 where = f"{approach.wall} {side}" if np.isfinite(approach.low) else approach.wall
                 active.append(
                     ActiveConstraint("corridor", where, approach.segment, _time(path, approach.segment, approach.s))

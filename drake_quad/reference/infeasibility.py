@@ -16,9 +16,9 @@ from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.walls import wall_approaches
 
-# Factors on the durations that are tried if the necessary factor cannot be estimated.
+# Factors on the durations that are tried in this order if a sufficient factor cannot be estimated.
 _TRIED_FACTORS = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
-_NUM_BISECTIONS = 10  # number of bisections for the smallest sufficient factor
+_NUM_BISECTIONS = 10  # steps of the search for the smallest factor on the durations at which a path exists
 _QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
@@ -35,7 +35,7 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
         complaint = _describe_violation(problem, least_excess, "at least")
     except PLANNING_ERRORS:
-        # The solver failed for the relaxed problem, so the message describes the path without limits.
+        # The solver failed for the relaxed problem, so the message describes the path that was planned without limits.
         complaint = _describe_violation(problem, unlimited, "by the smoothest path")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:

@@ -14,7 +14,8 @@ import numpy as np
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at
 
-# Orders of the derivatives that are made continuous between two laps by choosing velocity, acceleration and jerk there.
+# Orders of the derivatives that become continuous between two laps if the velocity, the acceleration and the jerk there
+# are free, respectively.
 _CONTINUOUS_ORDERS = np.array([6, 5, 4])
 
 
@@ -43,7 +44,7 @@ def path_of_laps(
         laps: number of laps, two or more.
         lead: number of segments before the first lap.
         stops: (segments + 1,) True for a waypoint at which velocity, acceleration and jerk are zero. The path also
-            rests at both ends. If the last waypoint is True, it rests between laps, too.
+            rests at both ends. If the entry of the last waypoint is True, the path also rests between laps.
     """
     axes, lap = waypoints.shape[1], waypoints[lead:]
     free = np.full((len(waypoints), 3, axes), np.nan)

@@ -3,10 +3,11 @@
 On segment i of duration T_i, each axis is the polynomial p(s) = Σ c_k s^k, k = 0..7, with s = (t - t_i) / T_i in [0, 1]
 (paper eq (20)). The cost is ∫ (d⁴p/dt⁴)² dt, summed over the segments (paper eqs (18), (19)).
 
-The boundary derivatives of a segment, position to jerk at both ends, determine its polynomial of degree 7. The
-positions are the waypoints. Velocity, acceleration and jerk are given at some waypoints, and are zero at both ends of
-the path (paper, section on the trajectory). Each waypoint has three free derivatives per axis. Both segments that meet
-at a waypoint share these derivatives, so the path has three continuous derivatives by construction.
+The boundary derivatives of a segment are position, velocity, acceleration and jerk at both ends. They determine its
+polynomial of degree 7. The positions are the waypoints. Velocity, acceleration and jerk are given at some waypoints,
+and are zero at both ends of the path (paper, section on the trajectory). Each waypoint has three free derivatives per
+axis. Both segments that meet at a waypoint share these derivatives, so the path has three continuous derivatives by
+construction.
 
 The cost is a positive definite quadratic form in the free derivatives, with a block tridiagonal matrix. Its minimum
 therefore requires one banded Cholesky factorisation, whose cost is linear in the number of segments. At the minimum,
@@ -34,9 +35,10 @@ from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix,
 
 DEGREE = 7  # degree of the polynomial of a segment
 NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be free at a waypoint
-START_DERIVATIVES = slice(1, 4)  # indices of velocity to jerk at the start, among the boundary derivatives
-END_DERIVATIVES = slice(5, 8)  # indices of velocity to jerk at the end, among the boundary derivatives
-# Order of each boundary derivative: position to jerk at the start, then position to jerk at the end.
+# Indices of velocity, acceleration and jerk at the start and at the end of a segment, in its 8 boundary derivatives.
+START_DERIVATIVES = slice(1, 4)
+END_DERIVATIVES = slice(5, 8)
+# Order of each boundary derivative: 0 (position) to 3 (jerk) at the start, then 0 to 3 at the end.
 ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
 
@@ -105,11 +107,11 @@ class MinimumSnap:
         points: (segments + 1, axes) waypoints, m.
         durations: (segments,) positive durations, s.
         derivatives: derivatives as for `minimum_snap`, each given on all axes or on none.
-        contacts: further points at which the position along one direction is prescribed.
+        contacts: points between waypoints at which the position along one direction is prescribed.
 
     Attributes:
-        boundary: (segments, 8, axes) position to jerk at the start and the end of each segment, as derivatives with
-            respect to s, m. Positions are relative to the start of the segment.
+        boundary: (segments, 8, axes) position, velocity, acceleration and jerk at the start and then at the end of each
+            segment, as derivatives with respect to s, m. Positions are relative to the start of the segment.
     """
 
     def __init__(
@@ -138,7 +140,7 @@ class MinimumSnap:
         known *= (unit[:, np.newaxis] ** np.arange(1, NUM_FREE + 1))[:, :, np.newaxis]
         self.boundary = self._to_boundary(known)
         self.boundary[:, 4] = np.diff(points, axis=0)
-        # Each row maps the boundary derivatives of a segment to the position at a contact.
+        # Each row maps the boundary derivatives of a segment to the position at a `Contact`.
         self._contact_bases = [power_basis(0, contact.s, DEGREE + 1) @ FROM_BOUNDARY for contact in self.contacts]
         identity = np.eye(axes)
         self._directions = np.array(
@@ -179,8 +181,8 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The multipliers belong to the weighted cost, in which the shortest segment has the weight one, so they are
-        # scaled.
+        # The Lagrange multipliers of the contacts belong to the weighted cost, in which the shortest segment has the
+        # weight one, so they are scaled.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):
@@ -218,7 +220,7 @@ class MinimumSnap:
         """Convert derivatives at the waypoints to boundary derivatives of the segments, (segments, 8, columns).
 
         Args:
-            shared: (waypoints, 3, columns) derivatives in the waypoints' units of time.
+            shared: (waypoints, 3, columns) derivatives, each in the unit of time of its waypoint (`waypoint_units`).
         """
         boundary = np.zeros((len(shared) - 1, 8, shared.shape[2]))
         boundary[:, START_DERIVATIVES] = shared[:-1] * self._scales[:, START_DERIVATIVES, np.newaxis]
@@ -257,7 +259,8 @@ class MinimumSnap:
                     bands[row - column, column::NUM_FREE] = diagonal[:, row, column]
                 bands[NUM_FREE + row - column, column : size - NUM_FREE : NUM_FREE] = coupling[:, row, column]
         unit = 1.0 / np.sqrt(bands[0])
-        # Rows of given derivatives are not coupled to other rows, so their solution is zero.
+        # The rows of given derivatives are decoupled from the other rows, and the right-hand side is zero there. The
+        # solution is therefore zero for given derivatives.
         free = np.where(self._fixed.ravel(), 0.0, unit)
         for distance in range(1, 2 * NUM_FREE):
             bands[distance, : size - distance] *= free[: size - distance] * free[distance:]
@@ -266,7 +269,7 @@ class MinimumSnap:
         self._factor = scipy.linalg.cholesky_banded(bands, lower=True, check_finite=False)
 
     def _prepare_contacts(self) -> None:
-        """Compute the response of the free derivatives to a unit multiplier at each contact."""
+        """Compute how the free derivatives respond to a unit Lagrange multiplier of each `Contact`."""
         size = len(self._unit)
         self._rows = np.zeros((len(self.contacts), size))
         for row, contact, basis in zip(self._rows, self.contacts, self._contact_bases, strict=True):
@@ -279,7 +282,7 @@ class MinimumSnap:
         self._contact_responses = self._solve(self._rows.T.reshape(size // NUM_FREE, NUM_FREE, -1)).reshape(size, -1)
 
     def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
-        """Return the (contacts,) positions along the contact directions, m, given boundary derivatives."""
+        """Return the position of a path at each `Contact`, along the direction of the contact, (contacts,) in m."""
         return np.array(
             [
                 basis @ boundary[contact.segment] @ direction
@@ -288,28 +291,29 @@ class MinimumSnap:
         )
 
     def _solve_with_contacts(self, right_side: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the free derivatives that move the contacts by given distances, and their Lagrange multipliers.
+        """Return the free derivatives that move the path at each `Contact`, and the contacts' Lagrange multipliers.
 
         Args:
             right_side: (waypoints, 3, axes × columns) right-hand side of the equations without contacts.
-            gaps: (contacts,) or (contacts, columns) distances by which the contacts must move along their directions,
-                m.
+            gaps: (contacts,) or (contacts, columns) distances by which the path must move at each contact, along the
+                direction of the contact, m.
         """
         solution = self._solve(right_side)
         if not self.contacts:
             return solution, np.zeros_like(gaps)
         by_axis = solution.reshape(len(self._unit), self.points.shape[1], -1)
         missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
-        # A multiplier along one direction moves the path along another direction in proportion to their scalar product.
+        # The multiplier of one contact moves the path at another contact in proportion to the scalar product of their
+        # directions.
         response = (self._rows @ self._contact_responses) * (self._directions @ self._directions.T)
-        # The equations are solved by least squares, since two contacts can be linearly dependent.
+        # Several contacts can prescribe linearly dependent positions, so the equations are solved by least squares.
         multipliers = np.linalg.lstsq(response, missing, rcond=1e-12)[0]
         by_axis -= np.einsum("uc,ca,cn->uan", self._contact_responses, self._directions, multipliers)
         multipliers = multipliers.reshape(gaps.shape)
         return by_axis.reshape(solution.shape), multipliers
 
     def _solve(self, right_side: np.ndarray) -> np.ndarray:
-        """Solve for the (waypoints, 3, columns) free derivatives, in the waypoints' units of time."""
+        """Return the (waypoints, 3, columns) free derivatives, each in the unit of time of its waypoint."""
         scaled = right_side.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
         solution = scipy.linalg.cho_solve_banded((self._factor, True), scaled, overwrite_b=True, check_finite=False)
         return np.asarray(solution * self._unit[:, np.newaxis]).reshape(right_side.shape)
@@ -328,7 +332,7 @@ def waypoint_units(durations: np.ndarray) -> np.ndarray:
 
 
 def boundary_scales(durations: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Return (segments, 8) factors from derivatives in the waypoints' units of time to those in unit time."""
+    """Return (segments, 8) factors that convert derivatives from the waypoints' units of time to unit time."""
     ratio = np.repeat(np.column_stack([durations / unit[:-1], durations / unit[1:]]), 4, axis=1)
     return np.asarray(ratio**ORDERS)
 

@@ -38,8 +38,9 @@ WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
 # Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. It is needed
 # because no margin is possible at a waypoint on a wall.
 _WALL_TOLERANCE = 1e-7
-_MAX_ROUNDS = 25  # largest number of solutions, each with additional bounds
-# Weight of the snap cost relative to the slack. It only selects among paths with equal slack.
+_MAX_ROUNDS = 25  # largest number of times that the program is solved, each time with additional bounds
+# Weight of the snap cost relative to the weight of the slack, which is the violation of the relaxed constraints. The
+# snap cost only selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
 
 
@@ -89,8 +90,8 @@ def _with_rounding(limit: float) -> float:
 class RelaxedBounds(Enum):
     """Type of constraint that a program may violate. The program then minimises the violation instead of the snap."""
 
-    LIMITS = "limits"  # violation relative to each limit
-    CORRIDORS = "corridors"  # violation as a distance, m
+    LIMITS = "limits"  # the program minimises the largest excess over a limit, relative to this limit
+    CORRIDORS = "corridors"  # the program minimises the largest distance outside a corridor, m
 
 
 class MinimumSnapProgram:
@@ -203,7 +204,7 @@ class MinimumSnapProgram:
             raise InfeasibleError
 
     def _declare_variables(self, unconstrained: np.ndarray) -> None:
-        """Create the variables and the base values to which the solution adds them, both in units of `scales`."""
+        """Create the variables, and the base values of the path to which they are added, all in units of `scales`."""
         problem = self._problem
         axes = self._points.shape[1]
         self._base = np.zeros((len(self._points), NUM_FREE + 1, axes))
@@ -366,9 +367,9 @@ class MinimumSnapProgram:
 
 
 def _variable_scales(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
-    """Return scales (waypoints, 4) for position to jerk at each waypoint, in the waypoint's unit of time.
+    """Return (waypoints, 4) scales of position, velocity, acceleration and jerk, in each waypoint's unit of time.
 
-    A change of one derivative by its scale adds about the snap cost of the given path.
+    If one of them changes by its scale, the snap cost increases by about the snap cost of the given path.
     """
     scales = boundary_scales(path.durations, unit)
     costs = np.diag(BOUNDARY_FORM) * scales**2 * path.durations[:, np.newaxis] ** -7.0

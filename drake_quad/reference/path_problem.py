@@ -315,7 +315,10 @@ def _is_point(region: WaypointRegion) -> bool:
 
 
 def _describe_gap(one: WaypointRegion, other: WaypointRegion) -> str:
-    """Describe the distance between two regions, for two boxes with the axis; empty if the distance is unknown."""
+    """Describe the distance between two regions, and for two boxes the axis along which it is measured.
+
+    The text is empty if the distance is unknown.
+    """
     if isinstance(one, Polytope) or isinstance(other, Polytope):
         polytope, region = (one, other) if isinstance(one, Polytope) else (other, one)
         if not _is_point(region):

@@ -100,7 +100,7 @@ def minsnap_trajectory(plan: Plan) -> Any:
 
 
 def minsnap_waypoints(plan: Plan) -> list[Any]:
-    """Return the position to jerk at each knot of a plan as waypoints for minsnap-trajectories.
+    """Return position, velocity, acceleration and jerk at each knot of a plan, as waypoints of minsnap-trajectories.
 
     With `degree=7` and `num_continuous_orders=4`, minsnap-trajectories plans the same path from these waypoints.
 

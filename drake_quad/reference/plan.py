@@ -70,12 +70,12 @@ class Plan:
 
     @cached_property
     def extended_path(self) -> PolynomialPath:
-        """Path with rest before and after it, and with braking if it ends in motion."""
+        """Path that is at rest before its start and after its end. A path that ends in motion brakes first."""
         return with_rest(self.path, orders=PATH_ORDERS, acceleration=_BRAKING_ACCELERATION)
 
     @cached_property
     def extended_yaw(self) -> PolynomialPath:
-        """Yaw with rest before and after it, and with braking if it ends in motion."""
+        """Yaw that is constant before its start and after its end. A yaw that ends in motion brakes first."""
         return with_rest(self.yaw, orders=YAW_ORDERS, acceleration=_YAW_BRAKING_ACCELERATION)
 
     @property

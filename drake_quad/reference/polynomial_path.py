@@ -170,8 +170,9 @@ def subdivide(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
     segment = np.searchsorted(path.times, joined[:-1], side="right") - 1
     duration = path.durations[segment]
     start, fraction = (joined[:-1] - path.times[segment]) / duration, np.diff(joined) / duration
-    # The coefficients belong to the Taylor series of p(start + fraction u) in u. A segment that is not divided keeps
-    # its coefficients.
+    # A part of a segment consists of the unit times start + fraction u, where u runs from 0 to 1. The coefficients of
+    # the part are those of the Taylor series of p(start + fraction u) in u. An undivided segment keeps its
+    # coefficients.
     powers = path.coefficients.shape[1]
     taylor = np.stack([power_basis(k, start, powers) / math.factorial(k) for k in range(powers)], axis=1)
     taylor *= fraction[:, np.newaxis, np.newaxis] ** np.arange(powers)[:, np.newaxis]

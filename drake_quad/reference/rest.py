@@ -14,8 +14,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, knots, norm_pea
 # files with six decimals, causes smaller values. Jumps of this magnitude have no visible effect: 0.01 m/s² corresponds
 # to 1 mrad of tilt.
 _REST_TOLERANCES = np.array([1e-3, 1e-2, 1e-1])
-# Duration of the constant pieces, s. Its value does not matter, since a trajectory keeps its first and last value
-# outside its times.
+# Duration of the constant pieces before and after the motion, s. Its value does not matter, since a trajectory keeps
+# its first and last value outside its times.
 _REST_DURATION = 1.0
 # Candidate durations of the braking piece, s. The attitude needs some tenths of a second to follow.
 _BRAKING_DURATIONS = np.geomspace(1.0, 30.0, 60)

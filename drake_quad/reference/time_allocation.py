@@ -52,8 +52,8 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndar
 
 
 def stretch_factor(path: PolynomialPath, limits: PathLimits) -> float:
-    """Return the factor on all durations at which a path attains one limit and satisfies the other.
+    """Return the smallest factor on all durations with which a path satisfies its speed and acceleration limits.
 
-    The factor is less than 1 for a path that stays below the limits.
+    The factor is less than 1 for a path that stays below its limits.
     """
     return max((peak_norm(path, order) / limit) ** (1.0 / order) for order, limit in limits.by_order.items())

@@ -25,7 +25,7 @@ _MAX_LOG_CHANGE = 5.0
 _INITIAL_TRUST_RADIUS = 0.3
 _MAX_TRUST_RADIUS = 1.0
 _MIN_TRUST_RADIUS = 1e-6
-_MAX_STEPS = 60  # largest number of linear programs
+_MAX_STEPS = 60  # largest number of linear programs that are solved, one after another
 # The optimisation ends when the predicted relative gain in the total duration is less than this.
 _MIN_GAIN = 1e-4
 # Weight of the excess over a limit, relative to the logarithm of the total duration, for a path that cannot be scaled

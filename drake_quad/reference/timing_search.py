@@ -20,29 +20,33 @@ from drake_quad.reference.walls import wall_approaches
 _DURATION = attrgetter("duration")
 # Arbitrary limits that determine the ratios between durations if a problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
-# Smallest initial duration of a segment, relative to the longest duration. The first value is for routes of points,
-# which have a closed-form plan, the second for routes that require the solver.
-_MIN_POINT_DURATION_RATIO = 1e-3
-_MIN_DURATION_RATIO = 1e-2
-# Largest number of rounds in which the times are adapted to the path.
+# Smallest initial duration of a segment, relative to the longest duration of a segment, for routes of points, which
+# have a closed-form plan.
+_MIN_CLOSED_FORM_DURATION_RATIO = 1e-3
+# Smallest initial duration of a segment, relative to the longest duration of a segment, for routes that require the
+# solver.
+_MIN_SOLVER_DURATION_RATIO = 1e-2
+# Largest number of rounds of the search. In each round, the times are adapted to the path, and then the path to the
+# times.
 _MAX_ROUNDS = 10
-# The search ends after a round whose relative gain is smaller than this.
+# The search ends after a round in which the cost decreases by less than this fraction.
 _MIN_GAIN = 1e-3
 # Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
 _CONTACT_TOLERANCE = 1e-4
-# Distance from the ends of a segment, in unit time, within which contacts are ignored.
+# Distance from the ends of a segment, in unit time, within which contacts of the path with walls are ignored.
 _CONTACT_END_MARGIN = 0.02
 # Largest change of the logarithm of a duration in the first round.
 _INITIAL_LOG_CHANGE = 0.3
 # The search ends when the largest allowed change falls below this value.
 _MIN_LOG_CHANGE = 0.02
-_NUM_BISECTIONS = 6  # number of bisections between optimal and feasible times
+_NUM_BISECTIONS = 6  # number of bisections between the times with the smallest snap and feasible times
 # Total duration below which any motion of a path is a rounding error, s.
 _MIN_TOTAL_DURATION = 1e-3
 # A second search is started if a path takes more than this fraction of the duration of a flight that stops at every
 # waypoint.
 _MAX_FRACTION_OF_STOPPING = 0.95
-# Total durations to try if derivatives are given, relative to a flight that stops at every waypoint.
+# Total durations that are tried if derivatives are given at waypoints, relative to the duration of a flight that stops
+# at every waypoint.
 _TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 
@@ -62,7 +66,8 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
     """Return the faster of a non-stop and a stop-at-every-waypoint flight, scaled to the limits.
 
     Args:
-        problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
+        problem: problem with at least one limit. It must not have repeated waypoints, or waypoints with given nonzero
+            derivatives.
     """
     # The flight with stops is computed first, since it reveals whether the vehicle must move at all.
     candidates = [
@@ -88,12 +93,12 @@ def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarr
     """Raise durations that are much shorter than the longest one; return 1 s for each segment if there is no motion."""
     if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
-    fraction = _MIN_POINT_DURATION_RATIO if problem.has_closed_form_path else _MIN_DURATION_RATIO
+    fraction = _MIN_CLOSED_FORM_DURATION_RATIO if problem.has_closed_form_path else _MIN_SOLVER_DURATION_RATIO
     return np.maximum(durations, fraction * durations.max())
 
 
 def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """Return a path without limits, with durations from a rule.
+    """Return the minimum-snap path without limits whose durations are computed by `rule` from the waypoints.
 
     The rule is applied twice, since the durations affect where the path passes through the waypoint regions.
     """
@@ -106,7 +111,7 @@ def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray]
 
 
 def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
-    """Scale all durations so that the path attains one limit and satisfies the other."""
+    """Scale all durations by the smallest factor with which the path satisfies its speed and acceleration limits."""
     factor = stretch_factor(path, limits)
     if factor * path.duration < _MIN_TOTAL_DURATION:
         raise InputError("one point lies in the regions of all waypoints, so the vehicle need not move; give the times")
@@ -117,7 +122,8 @@ def minimum_time_path(problem: PathProblem) -> PolynomialPath:
     """Return the minimum-snap path with the (locally) shortest total time within the limits.
 
     Args:
-        problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
+        problem: problem with at least one limit. It must not have repeated waypoints, or waypoints with given nonzero
+            derivatives.
     """
     heuristic = heuristic_path(problem)
     best = _local_minimum_time_path(problem, heuristic, smooth=True)
@@ -134,10 +140,10 @@ def _local_minimum_time_path(problem: PathProblem, path: PolynomialPath, *, smoo
     """Return a path with locally optimal times.
 
     Args:
-        problem: problem with a limit, without given nonzero derivatives.
-        path: path to start from.
-        smooth: True to start from the times with the smallest snap; False to start from the times of the path. With
-            False, the result is never slower than the path.
+        problem: problem with at least one limit. It must not have waypoints with given nonzero derivatives.
+        path: initial path.
+        smooth: True to start the search from the times with the smallest snap. False to start it from the times of
+            `path`; the result is then never slower than `path`.
     """
     unlimited = problem.without_limits()
     start = (
@@ -201,7 +207,7 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
     each with the times of the smallest snap and with the shortest times near them.
 
     Args:
-        problem: problem with a limit, and without repeated waypoints.
+        problem: problem with at least one limit, and without repeated waypoints.
         shorten: True to minimise the total time; False to return the first feasible path.
 
     Raises:
@@ -283,9 +289,9 @@ def minimum_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
 
 
 def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path within the limits whose durations are nearest to the durations with the smallest snap.
+    """Return a path within the limits whose durations differ as little as possible from the given durations.
 
-    The durations are varied between the durations with the smallest snap and the durations of the fastest path.
+    The durations are interpolated between the given durations and the durations of the fastest path.
 
     Args:
         problem: problem with limits.

@@ -10,7 +10,7 @@ from drake_quad.reference.pieces import save_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, knots
 
-_MAX_SAMPLES = 20_000  # largest number of rows of `trajectory.csv`, except the last
+_MAX_SAMPLES = 20_000  # largest number of rows of `trajectory.csv`, not counting the last row
 _PIECES_FILE = "pieces.csv"
 # Tolerance for rounding errors in coefficients that are computed from derivatives, relative to the largest coefficient.
 _COEFFICIENT_TOLERANCE = 1e-12

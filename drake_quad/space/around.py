@@ -63,7 +63,7 @@ def direct_route(problem: PathProblem) -> CollisionFreeRoute:
 
 
 def with_bounds(problem: PathProblem, bounds: Box | None) -> PathProblem:
-    """Add the constraint that the path stays within bounds to a problem.
+    """Add to a problem the constraint that the path stays within bounds.
 
     Raises:
         InputError: if a corridor or a waypoint lies outside the bounds.
@@ -149,7 +149,7 @@ def _paths_and_costs(
 
 
 def _timing_for(route: CollisionFreeRoute, timing: Timing) -> Timing:
-    """Return the timing for a route. Given times are interpolated at additional waypoints, by polyline length."""
+    """Return the timing for a route. Additional waypoints get times in proportion to the length of the polyline."""
     if not isinstance(timing, FixedTimes):
         return timing
     steps = np.linalg.norm(np.diff(route.problem.representatives(), axis=0), axis=1)
@@ -200,7 +200,7 @@ def _routes(
 
 
 def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
-    """Group the free points of a waypoint, (k, 3) in m, into pieces.
+    """Divide the free points of a waypoint, (k, 3) in m, into groups, called pieces.
 
     In each piece, the straight lines from the first point to all other points are free.
     """
@@ -219,13 +219,13 @@ def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
 def _pieces_on_shortest_route(
     space: Space, problem: PathProblem, grid: Grid, pieces: Sequence[Sequence[np.ndarray]]
 ) -> list[np.ndarray] | None:
-    """Return the piece of each waypoint through which the shortest grid route leads, or None if there is no route.
+    """Return, for each waypoint, the piece that the shortest route on the grid passes; None if there is no route.
 
     Args:
         space: obstacles.
         problem: problem with the waypoints.
         grid: grid of free points of the space.
-        pieces: for each waypoint, the free points of each piece, (k, 3) in m.
+        pieces: for each waypoint, the pieces into which `_split_into_pieces` divides its free points, (k, 3) in m.
     """
     lengths, origins = np.zeros(len(pieces[0])), []
     for corridor, begins, ends in zip(problem.corridors, pieces[:-1], pieces[1:], strict=True):
@@ -259,8 +259,8 @@ def _routes_through(
         problem: problem with the waypoints.
         grid: grid of free points of the space.
         free_points: free points (k, 3) of each waypoint, m.
-        divided: True if `free_points` contains only one piece of each waypoint. Each leg must then start and end in
-            regions that contain points of this piece.
+        divided: True if `free_points` contains only one of the pieces into which an obstacle divides a waypoint's free
+            points. Each leg must then start and end in convex regions that contain points of this piece.
     """
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance
@@ -280,7 +280,8 @@ def _routes_through(
     regions.cover(points, grid.nearest[free])
     candidates = []
     for i, corridor in enumerate(problem.corridors):
-        # Routes from a waypoint are searched once for both adjacent legs, unless the leg has a corridor.
+        # The legs before and after a waypoint share one search for routes from this waypoint. A leg with a corridor has
+        # its own searches.
         leg = None if corridor is None else i
         (lengths, before), (onward, _) = field(i, leg), field(i + 1, leg)
         route = grid.shortest_route(lengths, before, free_points[i], free_points[i + 1])
@@ -330,7 +331,7 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
 
 
 def _points_in(region: WaypointRegion) -> tuple[np.ndarray, float]:
-    """Return grid points over a waypoint's region, (n, 3) in m, and the diagonal of a grid cell, m."""
+    """Return the points of a grid that covers a waypoint's region, (n, 3) in m, and the diagonal of a cell, m."""
     match region:
         case Box():
             low, high = region.low, region.high

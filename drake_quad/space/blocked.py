@@ -13,8 +13,8 @@ from drake_quad.space.space import Space
 
 # Largest number of points and smallest spacing (m) of the grids on which routes are searched.
 _GRIDS = ((500_000, 0.05), (3_000_000, 0.02))
-# All sets of up to this number of obstacles are tried. If the removal of none of them opens a route, one larger minimal
-# set is determined.
+# All sets of up to this number of obstacles are tried. If the removal of such a set never opens a route, the
+# explanation names one larger set, from which no obstacle can be omitted.
 _MAX_SET_SIZE = 2
 
 

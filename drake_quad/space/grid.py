@@ -192,7 +192,7 @@ class Grid:
         """
         from scipy.spatial import KDTree
 
-        # SciPy's bound is exclusive.
+        # SciPy's `distance_upper_bound` is exclusive.
         bound = np.nextafter(_MAX_CONNECTION_SPACINGS * self.spacing, np.inf)
         distances, numbers = KDTree(points).query(self.points, distance_upper_bound=bound)
         return distances, numbers

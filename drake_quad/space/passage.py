@@ -34,10 +34,10 @@ _MAX_CANDIDATES = 8
 _TRANSITION_COST = 0.1
 # Largest number of paths that Drake tries when it rounds the solution of the convex relaxation.
 _MAX_ROUNDED_PATHS = 10
-# Standard deviation of the logarithm of the random factors on lengths.
+# Standard deviation of the logarithm of the random factors by which the lengths between regions are multiplied.
 _LOG_FACTOR_DEVIATION = 0.6
-# Largest number of iterations that build the chain of a leg. Each iteration adds a region, or halves a step of the
-# route that no region covers.
+# Largest number of iterations that build the chain of regions along the route of a leg. Each iteration adds a region to
+# the chain, or halves a straight step of the route that lies in no region.
 _MAX_CHAIN_LENGTH = 60
 
 
@@ -62,7 +62,7 @@ def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
     for _ in range(_MAX_CHAIN_LENGTH):
         inside = regions.containing(np.array(points))
         steps = inside[:, :-1] & inside[:, 1:]
-        # Number of steps that each region covers, starting from the current point of the route.
+        # For each region, the number of successive route steps from the current point on that lie in the region.
         follows = np.cumprod(steps, axis=1).sum(axis=1)
         best = next(
             (
@@ -168,13 +168,13 @@ def other_passages(
     count: int,
     seed: int = 0,
 ) -> list[Passage]:
-    """Return alternative passages, which are shortest for randomly scaled lengths between region centres.
+    """Return alternative passages, each the shortest after lengths between region centres are randomly scaled.
 
     The shortest polyline does not always lead to the fastest path, so alternatives are also tried.
 
     Args:
         regions: all regions.
-        ends: free points (k, 3) of each of the legs + 1 waypoints, m.
+        ends: free points (k, 3) of each waypoint, m. There is one waypoint more than legs.
         corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
         count: number of random draws. Passages that are drawn repeatedly are returned once.
         seed: seed of the random numbers.

@@ -43,7 +43,7 @@ class SimplifiedHull(NamedTuple):
     Attributes:
         corners: (n, 3) corners of the hull, m.
         growth: largest distance between a corner and the original hull, m; 0 if the hulls are equal.
-        replaced: number of corners in the original hull.
+        replaced: number of corners of the original hull, which this hull replaces.
         size: largest extent of the original hull along a coordinate axis, m.
     """
 
@@ -120,7 +120,7 @@ def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _candidates(corners: np.ndarray) -> np.ndarray:
-    """Return the indices of the corners among which the algorithm selects."""
+    """Return the indices of at most `_MAX_CANDIDATES` corners, from which the simplified hull is built."""
     if len(corners) <= _MAX_CANDIDATES:
         return np.arange(len(corners))
     return np.unique((corners @ _directions(_MAX_CANDIDATES).T).argmax(axis=0))
@@ -165,7 +165,7 @@ def _distances_from_hull(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the outward unit normals (n, 3) and the offsets (n,) of the faces of a hull."""
     middle, widths, axes = _principal(corners)
-    # Qhull fails for thin hulls, so it gets corners that are spread equally along each axis.
+    # Qhull fails for thin hulls, so the corners are scaled to the same spread along each principal axis.
     scaled_normals = scipy.spatial.ConvexHull((corners - middle) @ axes.T / widths).equations[:, :3]
     normals = (scaled_normals / widths) @ axes
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

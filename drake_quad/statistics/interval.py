@@ -18,7 +18,8 @@ INFINITIES = ("-∞", "∞")
 
 _WIDTH_DIGITS = 2  # significant digits of half an interval's width
 _DIGITS_WITHOUT_INTERVAL = 3  # significant digits of an estimate without an interval
-_MAX_LEVEL_DIGITS = 3  # largest number of additional digits that distinguish an end from a level
+# Largest number of additional digits if an end of the interval would otherwise be rounded to a level, such as zero.
+_MAX_LEVEL_DIGITS = 3
 _EXACT_DIGITS = 12  # number of significant digits that rounding errors do not affect
 _ROUNDING_TOLERANCE = 1e-9  # largest rounding error, relative to the largest number of the interval
 # Numbers outside this range are written with an exponent.
@@ -91,11 +92,11 @@ class Interval(NamedTuple):
         return Interval(self.value, math.nan, math.nan)
 
     def percent(self) -> str:
-        """Return a fraction as text in per cent; see `text`, with the levels 0 and 100 %."""
+        """Return a fraction as text in per cent; see `text`, whose argument `levels` is 0 and 100 %."""
         return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
 
     def ratio(self) -> str:
-        """Return a ratio as text; see `text`, with the levels 0 and 1."""
+        """Return a ratio as text; see `text`, whose argument `levels` is 0 and 1."""
         return self.text(levels=(0.0, 1.0))
 
     def metres(self) -> str:
@@ -127,8 +128,8 @@ def spread_text(spread: float) -> str:
 def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, int]:
     """Return the number of decimals and the common exponent with which an interval is printed.
 
-    The number of decimals is the smallest number that distinguishes the ends from the estimate and from the levels. The
-    exponent is 0 for numbers that are printed without an exponent.
+    The number of decimals is the smallest number with which neither end is rounded to the estimate or to one of
+    `levels`, such as zero. The exponent is 0 for numbers that are printed without an exponent.
     """
     value, *ends = interval
     largest = max((abs(number) for number in interval if math.isfinite(number) and number), default=1.0)

@@ -36,8 +36,8 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
     ratio = float(np.mean(values)) / mean
     if n < 2:
         return Interval(ratio, math.nan, math.nan)
-    # Let d be R minus the estimated ratio, e = a - ratio b the residuals, whose mean is zero, and q the squared
-    # quantile of Student's distribution divided by n. The set consists of all R with
+    # Let a be `values`, b the `baseline`, e = a - ratio b the residuals, whose mean is zero, and q the squared quantile
+    # of Student's distribution divided by n. A ratio R is in Fieller's set if its difference d = R - ratio satisfies
     # (mean² - q var(b)) d² + 2 q cov(e, b) d - q var(e) <= 0.
     q = float(scipy.special.stdtrit(n - 1, 0.5 * (1.0 + confidence))) ** 2 / n
     (var_e, cov), (_, var_b) = np.cov(np.stack([values - ratio * baseline, baseline]))

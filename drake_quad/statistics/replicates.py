@@ -59,9 +59,9 @@ class Replicates:
         return log_odds_interval(self.mean(values, confidence))
 
     def proportion(self, occurs: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-        """Return the probability of an event, given in which samples (n,) it occurs.
+        """Return the probability of an event, given an array (n,) that is True for the samples in which it occurs.
 
-        The interval is that of Clopper and Pearson for the `effective_number` of samples.
+        The interval is computed by the method of Clopper and Pearson for `effective_number` independent samples.
         """
         count, total = int(np.sum(occurs)), len(occurs)
         if self.indices is None or not 0 < count < total:
@@ -72,9 +72,9 @@ class Replicates:
     def quantile(self, values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
         """Return a quantile of values (n,), with an interval between two order statistics.
 
-        The interval is that of the `effective_number` of samples for the event that a value is at most the quantile (R.
-        S. Woodruff, "Confidence intervals for medians and other position measures", Journal of the American Statistical
-        Association, 1952).
+        The interval is computed as for independent samples. Their number is the `effective_number` for the event that a
+        value is at most the quantile (R. S. Woodruff, "Confidence intervals for medians and other position measures",
+        Journal of the American Statistical Association, 1952).
         """
         plain = quantile_interval(values, probability, confidence)
         if self.indices is None or not len(values):

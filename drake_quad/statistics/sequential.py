@@ -15,8 +15,8 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 # Parameters of the beta distribution over which the likelihood ratio is averaged. Any choice is valid; these are
 # Jeffreys' prior, which gives short intervals for small and for large probabilities.
 _BETA_PRIOR = 0.5, 0.5
-# Number of samples at which the intervals of means are narrowest, relative to ordinary intervals. The sequence is valid
-# for any number that is chosen in advance.
+# Number of samples at which the ratio of the width of `mean_sequence` to the width of an ordinary confidence interval
+# is smallest. The sequence is valid for any choice of this number before the study.
 _TUNED_NUM_SAMPLES = 1000
 _MIN_PROBABILITY = 1e-15  # the likelihood ratio is not finite at 0 and 1
 

@@ -31,10 +31,11 @@ MAX_NOISE = 2**31
 """Upper bound (exclusive) on the integers that determine noise."""
 
 _MAX_LEVELS = 15  # each level divides the probability by about ten, so estimates reach about 1e-15
-_INITIAL_STEP = 0.6
+_INITIAL_STEP = 0.6  # initial step of the proposals, whose correlation with the present samples is √(1 - step²)
 _TARGET_ACCEPTANCE = 0.44  # acceptance rate at which the chains mix fastest, from Papaioannou et al.
-# A rejected proposal repeats a sample, so a few samples always have the same performance. Beyond this ratio of the
-# samples that reach a threshold to the intended number, the performance itself is constant.
+# Largest number of samples that reach a threshold, relative to the intended number, for which the excess is explained
+# by repeated samples. A rejected proposal repeats a sample, so several samples can have exactly the performance of the
+# threshold. If more samples reach it, different points have the same performance.
 _MAX_REPETITION = 1.5
 _MAX_FRACTION = 0.5  # largest fraction of the samples that may satisfy the condition of the next step
 _MIN_SEEDS = 10  # smallest number of different samples from which chains start
@@ -205,7 +206,7 @@ def _proposal(
     """Return proposals whose correlation with the present samples is √(1 - step²)."""
     correlation = math.sqrt(1.0 - step**2)
     moved = correlation * points + step * generator.standard_normal(points.shape)
-    # The correlation of the noise is the fraction of the integers that are kept.
+    # Each integer of the noise is kept with a probability equal to the correlation, and drawn again otherwise.
     is_drawn = generator.random(noise.shape) < 1.0 - correlation
     return moved, np.where(is_drawn, generator.integers(MAX_NOISE, size=noise.shape), noise)
 

@@ -72,7 +72,7 @@ def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric)
 PD_GAINS = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 
 
-def test_an_estimator_has_the_scenario_s_law_and_response_and_starts_at_the_first_waypoint(asymmetric):
+def test_a_disturbance_estimator_has_the_gains_and_lags_of_the_scenario_and_starts_at_the_first_waypoint(asymmetric):
     response = "response: {kind: commanded, delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
     parameters = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
     recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD_GAINS}, {response}, {parameters}}}"))
@@ -216,7 +216,7 @@ def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, fie
         assert laws[1].gain.position[vehicle] == expected.gain.position
 
 
-def test_adaptive_fuzzy_sets_start_equal_on_all_axes_or_as_learned_for_each_axis(asymmetric):
+def test_adaptive_fuzzy_sets_initially_have_learned_parameters_or_else_equal_parameters_on_all_axes(asymmetric):
     adaptive = "control.network.adaptive={centres: 0.4, exponents: 0.2}"
     recipes, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
     rules, learning, set_learning = (recipes[f"network.{part}"] for part in ("rules", "learning", "sets"))

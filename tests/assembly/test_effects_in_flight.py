@@ -138,16 +138,16 @@ CALM_WITHOUT_DRAG = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.qua
 
 
 @pytest.mark.parametrize(
-    ("drag", "slope_per_number"),
+    ("drag", "derivative_per_number"),
     [
         ("body_drag={{linear: [0.1, {0!r}, 0.2]}}", 1.0),
         ("rotor_aerodynamics={{drag: {0!r}, inflow: 1e-6}}", 4.0 * 222.0),
         ("rotor_aerodynamics={{climb: -{0!r}, drag: 1e-6}}", 1.0),
     ],
 )
-def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, slope_per_number):
-    """The time step may be at most 2.5 m / k, with the mass m and the largest slope k of force over velocity."""
-    max_number = 2.5 * 0.74 / 0.01 / slope_per_number
+def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, derivative_per_number):
+    """The time step may be at most 2.5 m / k, with the mass m and the largest derivative k of the force by velocity."""
+    max_number = 2.5 * 0.74 / 0.01 / derivative_per_number
     recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
     with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
         recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
@@ -156,7 +156,7 @@ def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, 
 @pytest.mark.parametrize(
     "motion", ["laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]", "initial.velocity=[3, 0, 4]"]
 )
-def test_wind_and_initial_velocity_increase_the_force_slopes_of_quadratic_drag_and_lift(asymmetric, motion):
+def test_wind_and_initial_velocity_increase_the_derivative_of_quadratic_drag_and_lift_by_airspeed(asymmetric, motion):
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
         max_number = 2.5 * 0.74 / 0.01 / 10.0
         recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, motion, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
@@ -166,23 +166,23 @@ def test_wind_and_initial_velocity_increase_the_force_slopes_of_quadratic_drag_a
             )
 
 
-def test_force_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
+def test_the_derivatives_of_body_drag_and_rotor_drag_by_airspeed_are_added(asymmetric):
     """The wind is 5 m/s.
 
-    The slope of body drag is largest along y, and that of rotor drag either along z or across z.
+    The derivative of body drag is largest along y, and the derivative of rotor drag is largest along z or across z.
     """
     body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
     rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"
-    slope_along_z = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
-    slope_across_z = 4.0 * 222.0 * 2e-3
-    for climb, inflow, drag, rotor_slope in (
-        ("-0.3", "2e-4", "1e-6", slope_along_z),
-        ("-0.3", "2e-4", "2e-3", slope_across_z),
+    derivative_along_z = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
+    derivative_across_z = 4.0 * 222.0 * 2e-3
+    for climb, inflow, drag, rotor_derivative in (
+        ("-0.3", "2e-4", "1e-6", derivative_along_z),
+        ("-0.3", "2e-4", "2e-3", derivative_across_z),
     ):
         rotor_override = rotors.format(climb=climb, inflow=inflow, drag=drag)
         for overrides, expected in (
-            ((rotor_override,), rotor_slope),
-            ((body, rotor_override), 0.4 + 2.0 * 0.02 * 5.0 + rotor_slope),
+            ((rotor_override,), rotor_derivative),
+            ((body, rotor_override), 0.4 + 2.0 * 0.02 * 5.0 + rotor_derivative),
         ):
             vehicle = Batch.draw(asymmetric("pid", *overrides), (0,)).fleet_scenario.vehicle
             slopes = [effect.max_damping(vehicle, 5.0) for effect in vehicle.effects().values()]

@@ -1,4 +1,4 @@
-"""Tests that the recipes for a scenario's laboratory contain the scenario's parameters."""
+"""Tests that the systems of a laboratory diagram are built with the parameters of the scenario."""
 
 import math
 
@@ -63,8 +63,8 @@ def test_the_vehicle_has_the_parameters_of_the_scenario(asymmetric, recipes):
     assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
-def test_drawn_rotors_must_produce_every_torque(diagrams):
-    """One drawn rotor position makes the yaw torque a linear combination of thrust, roll torque and pitch torque."""
+def test_a_vehicle_with_random_rotor_positions_must_produce_every_torque(diagrams):
+    """At one of the random positions, yaw torque is a linear combination of thrust, roll torque and pitch torque."""
     corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
     rotors = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
     rotors.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
@@ -96,10 +96,10 @@ def test_the_battery_sags_over_the_whole_flight(recipes):
         ("0", "{rotor: 1, time: 3}", True),
     ],
 )
-def test_a_vehicle_may_be_faulty_if_its_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
+def test_the_vehicle_models_faults_if_the_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
     """A scenario may write an absent fault as 0 or 0.0.
 
-    A vehicle may be faulty if the distribution of a fault contains nonzero values.
+    The vehicle models faults if the distribution of a fault contains nonzero values.
     """
     scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
     assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
@@ -156,7 +156,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
 @pytest.mark.parametrize(
     ("override", "name", "expected"),
     [
-        # Noise is modelled if the position or the attitude has noise.
+        # The structure is noisy unless both the position noise and the attitude noise are zero.
         ("position_noise=0", "noisy", True),
         ("attitude_noise=0.0", "noisy", True),
         ("dropout_rate=0", "loses_frames", False),
@@ -215,7 +215,7 @@ def test_wind_is_held_over_a_time_step_or_over_a_camera_frame_if_the_state_is_co
     assert recipes_of(scenario)["wind.gust_0"].structure == {"period": period}
 
 
-def test_steady_winds_are_added_and_calm_air_has_no_recipe(asymmetric):
+def test_steady_winds_are_added_and_calm_air_adds_no_system_to_the_diagram(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, speed: 2.0, heading: 0.5}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     total = Wind(1.0 + 2.0 * math.cos(0.5), 2.0 + 2.0 * math.sin(0.5), 3.0)
@@ -293,7 +293,7 @@ def test_an_autopilot_that_takes_body_rates_has_no_attitude_loop(action, gains):
     assert parameters.k_attitude == gains
 
 
-# Field of the scenario, system that models the imperfection, and name of the imperfection in the system's structure.
+# Each imperfection: its field in the scenario, the system that models it, and its flag in `structure` of the recipe.
 IMPERFECTIONS_OF_A_FLEET = [
     ("vehicle.battery_sag", "vehicle", "faulty"),
     *(

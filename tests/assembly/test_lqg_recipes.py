@@ -56,7 +56,7 @@ def assert_nearly_equal(actual, expected):
 
 
 @pytest.mark.slow
-def test_the_model_without_an_autopilot_is_a_torque_chain_of_the_nominal_vehicle(asymmetric):
+def test_without_an_autopilot_the_design_model_has_the_torques_of_the_nominal_vehicle_as_inputs(asymmetric):
     recipe = regulator_of_scenario(asymmetric("lqg", "control.network=null"))
     assert recipe.system is LinearQuadraticGaussian
     assert recipe.structure == {
@@ -87,7 +87,7 @@ def test_the_model_without_an_autopilot_is_a_torque_chain_of_the_nominal_vehicle
 
 
 @pytest.mark.parametrize("lag", [None, 0.043])
-def test_the_model_with_an_autopilot_is_its_attitude_response(asymmetric, lag):
+def test_with_an_autopilot_the_design_model_is_the_attitude_response_of_the_autopilot(asymmetric, lag):
     """The feed-forward compensates delay, lag and the attitude response 1 / (1 + (2 ζ / ω) s + s² / ω²)."""
     scenario = asymmetric("lqg_on_board", f"control.lateral.lag={'null' if lag is None else lag}")
     recipe = regulator_of_scenario(scenario)
@@ -110,7 +110,7 @@ def test_the_model_with_an_autopilot_is_its_attitude_response(asymmetric, lag):
     assert target == pytest.approx(TargetParameters(jerk, snap), rel=1e-12)
 
 
-def test_a_regulator_accepts_network_corrections_and_detects_lost_frames_only_if_needed(asymmetric):
+def test_a_regulator_accepts_the_correction_of_a_network_and_ignores_lost_frames_that_cannot_occur(asymmetric):
     network = "{kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, rate: 1.0, slope: 1.0}}"
     scenario = asymmetric("lqg", f"control.network={network}", "laboratory.motion_capture.dropout_rate=0")
     structure = regulator_of_scenario(scenario).structure
@@ -131,7 +131,7 @@ def scenario_with_mpc(asymmetric):
 
 
 def programme_of(scenario):
-    """Return the recipe for the quadratic programme, the plan, and the parameters of the regulator."""
+    """Return a tuple: the recipe for the quadratic programme, the plan, and the parameters of the regulator."""
     plan = plan_route(scenario)
     recipes = control_recipes(Batch(scenario, (0,), {}), plan)
     assert recipes["regulator"].structure["takes_perturbation"]
@@ -139,7 +139,7 @@ def programme_of(scenario):
 
 
 @pytest.mark.slow
-def test_the_quadratic_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_with_mpc):
+def test_the_quadratic_programme_is_built_from_the_regulator_the_horizon_and_the_tilt_weight(scenario_with_mpc):
     scenario = scenario_with_mpc()
     recipe, _, regulator_numbers = programme_of(scenario)
     assert (recipe.system, recipe.parameters) == (PredictiveProgramme, None)

@@ -59,7 +59,7 @@ def test_the_rms_error_on_the_nominal_figure_eight_is_below_three_centimetres(fi
 
 
 @pytest.mark.slow
-def test_a_derivative_of_the_measurement_causes_an_error_of_k_d_over_k_p_times_the_velocity(figure_eight):
+def test_a_derivative_of_the_measurement_causes_an_error_in_proportion_to_the_velocity(figure_eight):
     """On a long straight line at constant velocity v, the error settles to (k_D / k_P) v."""
     line = figure_eight(
         "route={kind: waypoints, waypoints: [[0, 0, 1], [16, 12, 1]], times: [0, 100]}",
@@ -103,7 +103,7 @@ def test_vehicles_with_a_time_step_and_with_a_continuous_state_agree_on_a_figure
 
 
 @pytest.mark.long
-def test_asymmetric_vehicles_with_a_time_step_and_with_a_continuous_state_agree_in_wind(asymmetric):
+def test_a_vehicle_with_a_time_step_flies_in_wind_like_a_vehicle_with_a_continuous_state(asymmetric):
     """The scenario has no rotor failure, since a failure occurs in the middle of a step."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
     stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))

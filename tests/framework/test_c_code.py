@@ -65,7 +65,7 @@ def test_parentheses_keep_the_order_of_operations(formula, text):
     assert expression_of(formula, 3) == ([], text)
 
 
-def test_local_variables_of_the_formula_name_the_variables_in_c():
+def test_variables_in_c_have_the_names_of_the_local_variables_of_the_formula():
     def formula(x, y, z):
         error = x - y
         return error * z
@@ -102,7 +102,7 @@ def test_constants_do_not_become_zero_or_infinite_in_single_precision(value, tex
     assert constant_text(value, SINGLE) == text
 
 
-def test_infinite_constants_and_nan_have_the_names_of_c():
+def test_infinite_constants_and_nan_are_written_as_macros_of_c():
     texts = [constant_text(value, DOUBLE) for value in (np.inf, -np.inf, np.nan)]
     assert texts == ["INFINITY", "-INFINITY", "NAN"]
 
@@ -162,7 +162,7 @@ def test_multiply_add_rounds_once_even_without_a_processor_instruction_for_it(tm
     count = 3000
     x, y, z = rng.normal(size=(3, count)) * 2.0 ** rng.integers(-40, 40, (3, count))
     third = count // 3
-    z[:third] = -x[:third] * y[:third]  # the result is the rounding error of the product
+    z[:third] = -x[:third] * y[:third]  # `multiply_add` then returns the rounding error of the product
     x[third : 2 * third] = rng.integers(-(2**27), 2**27, third)  # products with few digits give ties
     y[third : 2 * third] = rng.integers(-(2**27), 2**27, third)
     z[third : 2 * third] = rng.integers(-(2**53), 2**53, third) * 2.0 ** rng.integers(-60, 60, third)

@@ -15,7 +15,7 @@ def run_function(text, *arguments):
 
 
 @pytest.mark.parametrize(("begin", "end", "step"), [(0, 5, 1), (0, 5, 2), (2, 9, 3), (3, 3, 1), (4, 3, 1), (0, 0, 8)])
-def test_nested_loops_and_conditions_count_as_in_python(begin, end, step):
+def test_nested_loops_and_conditions_execute_the_same_iterations_as_in_python(begin, end, step):
     """The inner loop ends at the counter of the outer loop, and a condition skips some iterations."""
     driver = Driver.of_arrays("i64 %begin, i64 %end", ["count", "sum"])
     with driver.loop("i", "%begin", "%end", step):

@@ -102,7 +102,7 @@ def test_the_nearest_integer_has_no_derivatives(number):
         np.testing.assert_array_equal(elementary.nearest(array), [expected, 0.0])
 
 
-def test_where_selects_by_a_mask():
+def test_the_function_where_selects_by_a_mask():
     assert elementary.where(True, 1.0, 2.0) == 1.0
     mask = np.array([True, False])
     np.testing.assert_array_equal(elementary.where(mask, 1.0, 2.0), [1.0, 2.0])

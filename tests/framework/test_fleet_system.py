@@ -147,7 +147,7 @@ def test_updates_read_the_previous_state_and_the_time(n):
     context = simulator.get_mutable_context()
     system.GetInputPort("error").FixValue(context, np.ones(3 * n))
     simulator.AdvanceTo(0.75)
-    # Each of the updates at 0 s and 0.5 s adds an error of 1 and ten times the time.
+    # The updates at 0 s and at 0.5 s each add the error, which is 1, plus ten times the time of the update.
     total = system.get_state(context, "total")
     np.testing.assert_allclose(total.x, 5.0 + 2.0 + 5.0)
     np.testing.assert_allclose(total.z, 2.0 + 5.0)
@@ -279,7 +279,7 @@ def angles(wind):
 
 @fleet_system(float)
 class InitializedAngles(FleetSystem):
-    """System whose state has angles as initial values, and which computes the same angles in flight."""
+    """System that computes angles by one formula, at initialization for its state, and in flight for its output."""
 
     def declare(self, *, parameters=Wind(0.0, 0.0, 0.0)):
         wind = self.parameter("wind", lambda wind: wind)

@@ -1,4 +1,4 @@
-"""Tests of the execution of formulas, and of arguments that are tick numbers."""
+"""Tests of the execution of formulas, and of the argument `CurrentTick`, from which a formula gets the tick number."""
 
 from typing import NamedTuple
 
@@ -16,8 +16,8 @@ TICK_PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]  # s
 
 
 @pytest.mark.parametrize("period", TICK_PERIODS)
-def test_ticks_are_counted_in_pairs(period):
-    """The tested times are those of Drake's events, and slightly earlier and later times."""
+def test_the_number_of_a_tick_is_twice_the_number_of_its_pair_plus_its_place_in_the_pair(period):
+    """Times that differ from the time of a tick by less than half a period have the number of this tick."""
     ticks = CurrentTick(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
@@ -55,7 +55,7 @@ def counted(x, tick, by):
 
 
 @pytest.mark.parametrize("n", [1, 11])
-def test_machine_code_and_python_get_the_same_tick(n):
+def test_formulas_get_the_same_tick_number_in_machine_code_and_in_python(n):
     arguments, x = (ROW, CurrentTick(0.02), 0.5), np.arange(float(n))
     run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
@@ -100,7 +100,7 @@ def test_rows_are_packed_one_after_another(n):
         pack_rows([np.zeros(2)], n)
 
 
-def test_where_keeps_fields_that_are_none():
+def test_the_function_where_keeps_fields_that_are_none():
     assert where(np.array([True, False]), Parts(1.0, None, 2.0), Parts(3.0, None, 4.0)).nothing is None
 
 

@@ -71,7 +71,7 @@ def test_layers_can_be_in_series_and_inside_a_branch():
     assert {*(expected[4] == 7.0).tolist()} == {True, False}
 
 
-def test_the_derivatives_of_a_layer_are_its_matrix():
+def test_the_derivatives_of_a_layer_are_its_weights_times_the_derivative_of_the_activation():
     matrix = matrix_of(3, 2)
     weights, _ = numbers_of(matrix)
     rows = [AutoDiffXd(0.3, [1.0, 0.0]), AutoDiffXd(-0.2, [0.0, 1.0])]

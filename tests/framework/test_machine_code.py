@@ -363,7 +363,7 @@ def test_branches_accept_and_return_booleans_and_64_bit_words():
     np.testing.assert_array_equal(formula(x, y), expected)
 
 
-def test_where_with_twice_the_same_row_returns_the_row():
+def test_the_function_where_returns_the_row_itself_if_both_alternatives_are_the_same_row():
     listing = Listing()
     x = listing.row(0, 0)
     assert elementary.where(x > 0.0, x, listing.row(0, 0)).line == x.line

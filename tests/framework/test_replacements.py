@@ -1,4 +1,4 @@
-"""Tests of error messages about functions and operators that do not accept rows of a formula."""
+"""Tests of error messages about functions and operators that a formula cannot apply to rows."""
 
 import math
 
@@ -72,7 +72,7 @@ def test_numpy_functions_without_a_replacement_are_also_refused():
     for function in functions:
         if function in (np.absolute, np.negative):
             continue
-        with pytest.raises(TypeError, match=rf"numpy\.{function.__name__} does not accept a row of a formula; "):
+        with pytest.raises(TypeError, match=rf"numpy\.{function.__name__} does not accept a row, the values"):
             compiled(lambda x, function=function: function(x))
 
 

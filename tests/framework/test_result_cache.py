@@ -137,7 +137,7 @@ def program():
     return _program.__wrapped__()
 
 
-def test_a_program_is_identified_by_its_sources(package):
+def test_the_version_of_a_program_depends_on_its_sources(package):
     before = program()
     assert before == program()
     source = package / "symbols.py"
@@ -153,12 +153,12 @@ def test_a_process_whose_sources_were_edited_after_its_start_caches_nothing(pack
     assert program() is None
 
 
-def test_a_program_without_source_files_cannot_be_identified(tmp_path, monkeypatch):
+def test_the_version_of_a_program_without_source_files_is_unknown(tmp_path, monkeypatch):
     monkeypatch.setattr(result_cache, "_PACKAGE_FOLDER", tmp_path / "archive.zip" / "drake_quad")
     assert program() is None
 
 
-def test_nothing_is_cached_if_the_program_cannot_be_identified(monkeypatch, folder):
+def test_nothing_is_cached_if_the_version_of_the_program_is_unknown(monkeypatch, folder):
     monkeypatch.setattr(result_cache, "_program", lambda: None)
     for _ in range(2):
         cached_on_disk(square, np.arange(3.0))

@@ -35,7 +35,7 @@ def test_every_line_occurs_once_and_after_its_operands(seed):
             assert all(position[operand] < position[line] for operand in operation.operands)
 
 
-def test_chains_are_interleaved_so_that_no_line_waits_for_the_previous_one():
+def test_chains_of_dependent_lines_are_interleaved_so_that_no_line_waits_for_the_previous_line():
     listing = chains(18, 5)
     order = [line for line in schedule(listing) if listing.operations[line].name == "add"]
     position = {line: k for k, line in enumerate(order)}
@@ -48,7 +48,7 @@ def test_chains_are_interleaved_so_that_no_line_waits_for_the_previous_one():
     assert min(gaps) >= scheduling._LATENCIES["add"] * scheduling._LINES_PER_CYCLE
 
 
-def test_no_more_chains_start_than_the_latency_requires():
+def test_no_more_chains_of_dependent_lines_start_than_the_latency_requires():
     """Chains start until the first result is available. Then the first chain continues."""
     listing = chains(30, 2)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]

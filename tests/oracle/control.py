@@ -75,7 +75,7 @@ class KalmanFilter:
 
 
 class DifferenceEstimator:
-    """Filtered difference between measured and predicted velocity change over a tick, divided by the tick period.
+    """Filter of r, the measured minus the predicted velocity change over a tick, divided by the tick period.
 
     Args:
         filters: matrices (A, B, c) of each axis: x' = A x + B r, d = c x.
@@ -94,13 +94,13 @@ class DifferenceEstimator:
 
     @classmethod
     def adaptive(cls, parameters, h):
-        """Return an L1 estimator: r decays exponentially for a tick, and ω / (s + ω) filters it."""
+        """Return an L1 estimator, which filters r by exp(-adaptation h) ω / (s + ω); r as in `DifferenceEstimator`."""
         decay = math.exp(-parameters.adaptation * h)
         return cls([([[-w]], [[w]], [decay]) for w in parameters.bandwidth], h, slice(6, 9))
 
     @classmethod
     def incremental(cls, bandwidths, h, rows):
-        """Return an INDI estimator, in which ω² / (s² + √2 ω s + ω²) filters r."""
+        """Return an INDI estimator, which filters r by ω² / (s² + √2 ω s + ω²); r as in `DifferenceEstimator`."""
         return cls(
             [([[0.0, 1.0], [-w * w, -math.sqrt(2.0) * w]], [[0.0], [w * w]], [1.0, 0.0]) for w in bandwidths], h, rows
         )
@@ -311,12 +311,12 @@ class Network:
 
 
 class Controller:
-    """Cascade of a scenario, which uses the nominal parameters.
+    """Cascade of the controllers of a scenario. All controllers use the nominal parameters of the vehicle.
 
     Args:
         scenario: scenario without distributions.
         leg_times: times at which the legs of the route begin, s.
-        duration: duration of the route from time zero on, s.
+        duration: time at which the route ends, s.
         start: initial position of the vehicle, m.
     """
 

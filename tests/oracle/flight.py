@@ -84,7 +84,8 @@ def fly(scenario, plan):
             command, shortfall = allocate(autopilot.wrench(link.out), scenario.nominal, laboratory.allocation.priority)
         if k > 0:
             air = wind.sample(k, state[0:3])
-        # At time zero, the cameras measure again only if they have a velocity drift, which then takes its first value.
+        # At time zero the cameras already have an output. They measure only if they have a velocity drift, since the
+        # drift gets its first value at time zero.
         if k % steps_per_frame == 0 and (k > 0 or cameras.drifts):
             cameras.measure(k // steps_per_frame, vehicle.output_state(state))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, monitor.metrics(period)

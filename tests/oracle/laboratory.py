@@ -103,8 +103,9 @@ class Cameras(DelayLine):
             return
         h = parameters.period
         a = math.exp(-parameters.derivative_bandwidth * h)
-        # Changes are differences over two frames. Eq (2) at the middle frame converts small changes of angles to body
-        # axes. Large changes are the rotation vector between the two frames.
+        # Velocities and rates follow from the change of the pose over two frames. If the change of the angles is small,
+        # eq (2) at the middle frame converts it to body axes. Otherwise it is replaced by the rotation vector between
+        # the two attitudes.
         steps = pose - self.before
         if np.abs(steps[3:6]).max() > 0.05:
             turn = rotation(*self.before[3:6]).T @ rotation(*pose[3:6])

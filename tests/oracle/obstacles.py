@@ -23,7 +23,8 @@ class Obstacles:
 def distance(solid, position):
     """Return the distance from a position to the nearest point of a solid; zero inside.
 
-    Boxes and cylinders are handled by clipping, and hulls by an iteration.
+    The nearest point of a box or a cylinder is found by clipping coordinates, and the nearest point of a hull by
+    `distance_to_hull`.
     """
     if solid.kind == "sphere":
         return max(0.0, np.linalg.norm(position - np.array(solid.centre)) - solid.radius)

@@ -12,7 +12,9 @@ CORNERS = np.array([X - Y, -X - Y, -X + Y, X + Y])
 
 
 class Rotors:
-    """Positions, signs of the reaction torques, and factors of the rotors. Clockwise rotors have the sign +1.
+    """Positions, signs of the reaction torques, and thrust and drag factors of the rotors.
+
+    Clockwise rotors have the sign +1.
 
     Args:
         parameters: true or nominal vehicle of the scenario.
@@ -133,8 +135,8 @@ class Vehicle:
         accelerations = self.accelerations(self.begun @ quaternion_matrix(turn), velocity, rates, speeds, wind)
         return np.concatenate([turning, accelerations])
 
-    def begin(self, angles):
-        """Begin a step at an attitude, and return the initial values of the integrated attitude variables."""
+    def begin_attitude(self, angles):
+        """Begin a step at an attitude, and return the initial values of the attitude variables that are integrated."""
         self.begun = rotation(*angles)
         return np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -175,7 +177,7 @@ class Vehicle:
             turning, accelerations = np.split(self.slope(attitude, velocity, rates, rotors(later), wind), [-6])
             return np.concatenate([velocity, accelerations, turning])
 
-        begun = np.concatenate([state[0:3], state[6:12], self.begin(state[3:6])])
+        begun = np.concatenate([state[0:3], state[6:12], self.begin_attitude(state[3:6])])
         k_1 = slope(begun, 0.0)
         k_2 = slope(begun + 0.5 * h * k_1, 0.5 * h)
         k_3 = slope(begun + 0.5 * h * k_2, 0.5 * h)
@@ -191,8 +193,8 @@ class SmallAngleVehicle(Vehicle):
         """Return the time derivatives of angles, velocity and body rates."""
         return np.concatenate([rates, self.accelerations(rotation(*angles), velocity, rates, speeds, wind)])
 
-    def begin(self, angles):
-        """Return the angles, which are integrated directly."""
+    def begin_attitude(self, angles):
+        """Return the initial values of the attitude variables that are integrated: the angles themselves."""
         return angles
 
     def angles(self, angles, yaw):

@@ -71,7 +71,7 @@ class Dryden:
 
     @staticmethod
     def _sampled(T, h):
-        """Return the transition matrix of f and g over a step, and the Cholesky factor of their noise."""
+        """Return the transition matrix of the filter states f and g, and the Cholesky factor of the noise per step."""
 
         def response(t):
             return math.sqrt(2.0 / T) * math.exp(-t / T) * np.array([1.0, t / T])
@@ -89,7 +89,7 @@ class Dryden:
 
     def sample(self, k, place):
         n = self.stream.normal(k)
-        noise = np.array([[n[0], 0.0], [n[1], n[3]], [n[2], n[4]]])  # for f and g of u, v and w
+        noise = np.array([[n[0], 0.0], [n[1], n[3]], [n[2], n[4]]])  # columns: f and g; rows: u, v and w
         if k == 0:
             stationary = np.linalg.cholesky([[1.0, 0.5], [0.5, 0.5]])
             self.state = [stationary @ part for part in noise]

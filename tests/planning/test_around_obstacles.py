@@ -140,7 +140,7 @@ IMPOSSIBLE_PLANS = {
     ),
     "a route of another kind through obstacles": (
         ["route={kind: circle, radius: 2.1, height: 1.2}"],
-        r"the route comes to 0 m from (pillar|ball) at .* nearer than the radius of the vehicle, 0.17 m",
+        r"the route is 0 m from (pillar|ball) at .*, but the radius of the vehicle is 0.17 m",
     ),
 }
 
@@ -179,7 +179,7 @@ def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room)
         plan_route_with_problem(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,))
     )
     predicted_error = nominal_tracking_error(room(wind, *dragged)).rms.value
-    # The fraction of the tracking error affects the plan, but not the detection of collisions.
+    # `tracking_error_factor` affects the plan, but not the clearance at which the flight detects a collision.
     assert room("space.tracking_error_factor=0.5").flight_space().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01

@@ -218,7 +218,7 @@ def test_a_metric_window_of_laps_ends_with_the_tick_after_the_last_lap(diagrams)
     assert window("metrics={first_lap: 2, end: 6.0}") == pytest.approx((4.01, 6.0))
 
 
-def test_origin_and_time_scale_shift_and_slow_the_knots_of_a_trajectory(slalom):
+def test_the_origin_shifts_the_knots_of_a_trajectory_and_the_time_scale_slows_the_trajectory(slalom):
     """The time scale s divides the k-th derivative by sᵏ."""
     first_knot = [[0.3, -0.2, 1.0], [0.4, 0.1, -0.1], [0.2, -0.3, 0.05], [0.1, 0.2, -0.15]]
     knots = [

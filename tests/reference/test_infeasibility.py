@@ -53,7 +53,7 @@ def test_the_smallest_feasible_slow_down_is_found_to_three_digits():
         constrained_minimum_snap(asked, (factor - 0.011) * durations)
 
 
-def test_a_given_velocity_that_is_infeasible_at_any_speed_is_reported():
+def test_a_given_velocity_that_is_infeasible_for_all_durations_is_reported():
     """At 0.05 m/s², braking from 1.9 m/s needs 36 m."""
     asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
@@ -63,7 +63,7 @@ def test_a_given_velocity_that_is_infeasible_at_any_speed_is_reported():
     )
 
 
-def test_the_message_uses_the_smoothest_path_if_the_solver_fails():
+def test_the_message_describes_the_smoothest_path_if_the_solver_fails():
     asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
     asked = PathProblem(asked.waypoints, limits=asked.limits)
     said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
@@ -71,7 +71,7 @@ def test_the_message_uses_the_smoothest_path_if_the_solver_fails():
 
 
 def test_the_message_states_by_how_much_a_corridor_must_be_wider():
-    """The route is also flown in reverse, where it must leave its second corridor by at least the same distance."""
+    """The path passes the start of segment 1 backwards, at -1.5 m/s, so it must leave the corridor of this segment."""
     points, durations = [[0.0], [4.0], [8.0]], np.array([4.0, 4.0])
 
     def within(wider):
@@ -89,8 +89,8 @@ def test_the_message_states_by_how_much_a_corridor_must_be_wider():
 
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
-def test_the_message_states_how_far_given_derivatives_lead_out_of_a_corridor(after):
-    """This also holds for a segment without free derivatives, even if further segments follow."""
+def test_the_message_states_by_how_much_a_path_with_given_derivatives_leaves_a_corridor(after):
+    """All derivatives at both ends of the first segment are given. The message does not depend on further segments."""
     points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0

@@ -126,7 +126,7 @@ def test_the_vehicle_rests_between_laps_if_the_last_waypoint_is_a_stop(diagrams)
 
 
 def test_the_vehicle_stays_at_a_repeated_waypoint_if_times_are_given(diagrams):
-    """This also holds for the waypoint at which laps begin."""
+    """Two waypoints are repeated: the waypoint at which laps begin, and a waypoint within the lap."""
     staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
     given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))

@@ -129,7 +129,8 @@ def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
     best = minimum_snap(waypoints, times)
     for _ in range(20):
-        # s⁴ (1 - s)⁴ has degree 8. Paths of degree 7 contain no such detour, so it increases the degree.
+        # The detour s⁴ (1 - s)⁴ has degree 8, since no polynomial of degree 7 vanishes at both ends with three
+        # derivatives.
         detour = rng.normal(size=3) * 1e-2
         bump = np.array([math.comb(4, k) * (-1.0) ** k for k in range(5)])
         coefficients = np.zeros((3, 9, 1))
@@ -186,17 +187,17 @@ def test_invalid_derivatives_are_rejected_with_the_reason(derivatives, words):
         minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
 
 
-def test_the_cost_matrix_consists_of_integers_and_rest_has_no_cost():
+def test_the_cost_matrix_consists_of_integers_and_a_path_at_rest_has_no_cost():
     np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
     np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
     assert BOUNDARY_FORM[0, 0] == 100_800.0
 
 
-def test_the_unit_of_time_at_a_waypoint_is_the_duration_of_its_shorter_segment():
+def test_the_unit_of_time_of_a_waypoint_is_the_duration_of_the_shorter_adjacent_segment():
     np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
 
 
-def test_repeating_a_contact_does_not_change_the_path():
+def test_prescribing_the_same_position_twice_does_not_change_the_path():
     rng = np.random.default_rng(8)
     points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
     contact = Contact(1, 0.4, 1, 0.7)
@@ -216,7 +217,8 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
     if given_motion:
         derivatives[segments // 2, 0] = rng.normal(size=3)
         derivatives[rng.integers(segments + 1)] = 0.0
-    # There is one contact for each segment and axis, so contacts cannot contradict each other.
+    # At most one position is prescribed for each segment and axis, so the prescribed positions cannot contradict each
+    # other.
     places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
     contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
     if given_motion:
@@ -241,8 +243,8 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
     np.testing.assert_allclose(boundary_gradient, np.stack(boundaries, axis=-1), rtol=0.0, atol=1e-6 * scale)
 
 
-def test_contacts_do_not_change_a_path_without_free_derivatives():
-    """The derivatives of the cost are the same with and without contacts."""
+def test_prescribed_positions_do_not_change_a_path_without_free_derivatives():
+    """A prescribed position (`Contact`) does not change the derivatives of the cost either."""
     rng = np.random.default_rng(9)
     points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
     free, held = (
@@ -253,7 +255,7 @@ def test_contacts_do_not_change_a_path_without_free_derivatives():
     np.testing.assert_array_equal(held.boundary_gradient(), free.boundary_gradient())
 
 
-def test_contacts_are_satisfied_at_minimum_cost():
+def test_a_path_attains_prescribed_positions_at_minimum_cost():
     rng = np.random.default_rng(6)
     points, durations = rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 5)
     contacts = [Contact(0, 0.5, 0, 0.3), Contact(3, 0.3, 2, -0.4), Contact(3, 0.7, 2, 0.2)]
@@ -261,7 +263,7 @@ def test_contacts_are_satisfied_at_minimum_cost():
     for contact in contacts:
         place = evaluate_at(held.path(), np.array([contact.segment]), np.array([contact.s]))
         assert place[0, contact.direction] == pytest.approx(contact.position, abs=1e-12)
-    # The expected path is the solution of the program with the contacts as equality constraints.
+    # The expected path is the solution of the program with the prescribed positions as equality constraints.
     planned = MinimumSnapProgram(PathProblem([Box.point(point) for point in points]), durations)
     for contact in contacts:
         planned.bound_position(contact.segment, contact.s, contact.direction, contact.position, contact.position)
@@ -271,7 +273,7 @@ def test_contacts_are_satisfied_at_minimum_cost():
     np.testing.assert_allclose(solved.coefficients, held.path().coefficients, atol=1e-5 * scale)
 
 
-def test_the_cost_agrees_with_the_coefficients():
+def test_the_cost_from_boundary_derivatives_equals_the_cost_from_polynomial_coefficients():
     rng = np.random.default_rng(4)
     solution = MinimumSnap(rng.normal(size=(9, 3)), rng.uniform(0.3, 3.0, 8))
     assert solution.cost == pytest.approx(snap_cost(solution.path()).sum(), rel=1e-12)
@@ -336,7 +338,7 @@ def other_cost(trajectory, times):
 
 
 @pytest.mark.long
-def test_another_planner_finds_the_same_cost_and_optimised_times_reduce_it():
+def test_another_planner_finds_the_same_path_and_optimised_times_reduce_its_cost():
     for seed in range(100):
         rng = np.random.default_rng(seed)
         segments = int(rng.integers(1, 9))

@@ -124,7 +124,7 @@ def test_a_path_stays_in_its_corridors_at_all_times(seed, segments, margin):
         np.testing.assert_allclose(path.coefficients, free.coefficients, rtol=1e-10, atol=1e-10)
 
 
-def test_a_path_in_a_corridor_without_height_is_level():
+def test_a_path_in_a_corridor_of_zero_height_is_level():
     waypoints = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 3.0, 2.0]])
     corridors = [Box([-1, -1, 1], [4, 4, 1]), Box([-1, -1, 1], [4, 4, 1]), None]
     path = constrained_minimum_snap(PathProblem(points(waypoints), corridors=corridors), np.ones(3))
@@ -174,8 +174,8 @@ def test_a_user_defined_constraint_can_be_added(order):
 @pytest.mark.parametrize(
     ("slack", "fraction"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
-def test_a_unit_change_of_any_variable_adds_about_the_cost_of_the_path(slack, fraction):
-    """This holds for any durations, so the coefficients of the program have similar magnitudes."""
+def test_variables_are_scaled_so_that_a_unit_change_costs_as_much_as_the_unconstrained_path(slack, fraction):
+    """The coefficients of the program therefore have similar magnitudes for any durations."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
     planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
@@ -224,7 +224,7 @@ def test_a_path_begins_at_the_best_point_of_a_sphere():
     )
 
 
-def test_a_corridor_without_height_reduces_a_sphere_to_a_circle():
+def test_a_corridor_of_zero_height_reduces_a_sphere_to_a_circle():
     """At a height of 1 m the intersection is a circle with a radius of 0.4 m."""
     flat = Box([-1.0, -3.0, 1.0], [5.0, 3.0, 1.0])
     places = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
@@ -238,7 +238,7 @@ def test_a_corridor_without_height_reduces_a_sphere_to_a_circle():
     np.testing.assert_array_equal(stuck.waypoints, [[2.0, 0.9, 1.0]] * 2)
 
 
-def test_a_path_may_change_its_height_after_a_corridor_without_height():
+def test_a_path_may_change_its_height_after_a_corridor_of_zero_height():
     waypoints, durations = random_route(2, 4)
     waypoints[1, 2] = waypoints[0, 2]
     flat = Box(
@@ -286,7 +286,7 @@ def test_impossible_constraints_are_infeasible():
         constrained_minimum_snap(double, np.array([0.9, 0.9]))
 
 
-def test_a_program_is_infeasible_if_a_path_without_freedom_violates_a_bound():
+def test_a_program_is_infeasible_if_a_path_without_free_derivatives_violates_a_bound():
     """A rest-to-rest path with one segment has no free derivatives, and is in the middle at half time."""
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [4.0, 3.0]])), np.array([2.0]))
     program.bound_position(0, 0.5, 0, 1.9, 2.1)
@@ -296,8 +296,8 @@ def test_a_program_is_infeasible_if_a_path_without_freedom_violates_a_bound():
             program.bound_position(0, 0.5, axis, low, high)
 
 
-def test_a_program_is_infeasible_if_an_axis_without_freedom_violates_a_bound():
-    """In a corridor without height, the height is fixed although another axis is free."""
+def test_a_program_is_infeasible_if_an_axis_without_free_variables_violates_a_bound():
+    """In a corridor of zero height, the height is fixed although another axis is free."""
     waypoints, flat = [[0.0, 1.0], [2.0, 1.0], [3.0, 1.0]], Box([-9.0, 1.0], [9.0, 1.0])
     program = MinimumSnapProgram(PathProblem(points(waypoints), corridors=[flat] * 2), np.array([2.0, 1.0]))
     program.bound_position(0, 0.5, 1, 0.9, 1.1)

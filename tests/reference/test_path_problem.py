@@ -199,6 +199,6 @@ def test_invalid_parts_of_a_problem_are_rejected(make, words):
         make()
 
 
-def test_a_start_must_have_a_position_for_each_waypoint():
+def test_the_initial_points_of_a_search_must_include_a_position_for_each_waypoint():
     with pytest.raises(InputError, match=r"the start has the shape \(2, 3\), but must have \(3, 3\)"):
         PathProblem(waypoints=WAYPOINTS, start=np.zeros((2, 3)))

@@ -30,8 +30,8 @@ YAW_PATH = hermite_path(
 )
 EXAMPLE_PLAN = Plan(POSITION_PATH, YAW_PATH)
 
-# Pieces from rest to rest over a metre and back, with six decimals as in files of uav_trajectories.
-ZEROS = ",".join(["0.000000"] * 16)
+ZEROS = ",".join(["0.000000"] * 16)  # coefficients of y and z
+# A piece over one metre along x, and a piece back. Numbers have six decimals, as in files of uav_trajectories.
 ROUND_TRIP_CSV = f"""\
 # {",".join(COLUMNS)}
 2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{ZEROS},{",".join(["0.000000"] * 8)}
@@ -50,7 +50,10 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Assert that position to snap and yaw of two plans agree, within `atol` relative to the largest values."""
+    """Assert that two plans agree in position, velocity, acceleration, jerk, snap, yaw and yaw rate.
+
+    The tolerance is `atol` times the largest value of each quantity, or `atol` if this value is below 1.
+    """
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):

@@ -50,7 +50,7 @@ def test_peak_norm_agrees_with_the_roots_of_the_polynomial():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8))
-@example(479001600, 4)  # this path turns back in the first cell after a start at rest
+@example(479001600, 4)  # this path starts at rest and turns back in the first of the `NUM_CELLS` parts
 @settings(max_examples=40, deadline=None)
 def test_the_position_is_monotonic_between_turning_points(seed, segments):
     path = random_path(seed, segments)

@@ -130,7 +130,7 @@ def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
 
 
 @pytest.mark.slow
-def test_a_flight_that_continues_after_a_route_in_motion_brakes_and_prints_a_remark():
+def test_a_flight_brakes_and_prints_a_remark_if_it_continues_after_a_route_that_ends_in_motion():
     route = {**ROUTES["Lissajous"], "laps": 1}
     flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
     rests = flight.time > flight.plan.rest_time
@@ -185,7 +185,7 @@ def test_braking_into_an_obstacle_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(4.0)
     longer = load_scenario("figure_eight", {**overrides, "duration": 10.0})
-    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route comes to .* from wall"):
+    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route is .* from wall"):
         flight_duration(longer, plan_route(longer))
 
 

@@ -163,7 +163,7 @@ def test_a_grid_search_finds_no_better_times_for_a_given_velocity():
     assert actual.duration <= 1.01 * min(totals)
 
 
-def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
+def test_a_given_velocity_that_is_infeasible_for_all_durations_is_reported():
     """A metre is too short to brake from 1.9 m/s at 1 m/s²."""
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
@@ -242,7 +242,7 @@ def test_a_velocity_that_leads_out_of_a_corridor_is_reported_by_the_time_search(
             path_with_fixed_derivatives(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 
-def test_the_search_continues_while_the_cost_falls_and_tries_smaller_changes_otherwise():
+def test_the_search_repeats_changes_that_lower_the_cost_and_reduces_changes_that_raise_the_cost():
     """In this example, each change decreases a number that starts at 1, and the cost is smallest at 0.5."""
     reaches = []
 

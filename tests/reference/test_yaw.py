@@ -147,7 +147,7 @@ def test_scaling_a_path_does_not_change_the_yaw_along_it(scale):
     assert np.ptp(evaluate(expected, expected.times)[0]) > 0.3
 
 
-def test_slow_horizontal_motion_beside_a_climb_has_little_weight_in_the_yaw():
+def test_the_yaw_hardly_follows_a_horizontal_motion_that_is_slow_compared_with_a_climb():
     """The weight is full if the horizontal speed is a tenth of the top speed, and a quarter if it is half as large."""
     costs = {}
     for fraction in (0.1, 0.05):

@@ -76,7 +76,7 @@ def test_a_user_s_kind_of_route_is_checked_and_planned_and_is_part_of_the_langua
     assert plan.path.waypoints[-1].tolist() == pytest.approx([3.0, 0.0, 1.0])
     assert "LineRoute" in file_schema()["$defs"]
     blocked = {"obstacles": {"ball": {"kind": "sphere", "centre": [1.5, 0.0, 1.0], "radius": 0.2}}}
-    with pytest.raises(InputError, match="the route comes to"):
+    with pytest.raises(InputError, match="the route is 0 m from ball"):
         plan_route(load_mission("hover", {"route": {"kind": "line", "length": 3.0}, "space": blocked}))
 
 

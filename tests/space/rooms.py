@@ -52,7 +52,7 @@ def random_room(seed):
     bounds = Box(np.full(3, clearance), size - clearance)
     while True:
         places = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
-        # Start and end are on different sides of the wall, or of its position in rooms without a wall.
+        # Start and end are near opposite ends of the room. A room with a wall has it between start and end.
         apart = places[0, 0] < 0.3 * size[0] and places[1, 0] > 0.7 * size[0]
         if apart and least_distances(space, places).min() > clearance + 0.02:
             return Room(space, bounds, places)
@@ -132,7 +132,7 @@ class Search:
                 yield one[fits], other[fits]
 
     def _surely_free(self, one, other):
-        """Return a mask of the steps that free balls around both ends cover completely."""
+        """Return a mask of the steps that are certainly free: free balls around both end points cover the step."""
         length = np.linalg.norm(self.points[one] - self.points[other], axis=1)
         free = np.minimum(self.distances[one], self.distances[other]) >= self.clearance
         return free & (self.distances[one] + self.distances[other] - length >= 2.0 * self.clearance)

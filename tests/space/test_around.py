@@ -72,7 +72,7 @@ def test_a_waypoint_must_keep_the_clearance():
         check_waypoint_clearance(near, PathProblem([START, END]))
 
 
-def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivatives():
+def test_the_regions_of_a_passage_become_corridors_and_given_waypoints_keep_their_derivatives():
     regions = Boxes(([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([3, 0, 0], [4, 3, 1]))
     first, middle, last = Box.point([0.2, 0.5, 0.5]), Box.point([3.2, 0.5, 0.5]), Box.point([3.5, 2.5, 0.5])
     derivatives = np.full((3, 3, 3), np.nan)
@@ -142,8 +142,8 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
         plan_collision_free_path(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))
 
 
-def test_waypoints_between_given_times_are_timed_by_length():
-    """The times are those of a constant speed along a polyline whose segments are one millimetre longer."""
+def test_times_between_given_times_are_proportional_to_the_lengths_of_the_legs():
+    """One millimetre is added to each length, so that two waypoints at the same point have different times."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = CollisionFreeRoute(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     actual = around._timing_for(way, FixedTimes((1.0, 3.0, 6.0)))
@@ -190,7 +190,7 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
 
 
 @pytest.mark.long
-def test_a_path_passes_divided_gates_on_one_side_of_the_wall():
+def test_a_path_passes_two_gates_that_a_wall_divides_on_the_same_side_of_the_wall():
     """The shortest routes to and from the gate end on different sides of the wall, so the path leads around its end."""
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
@@ -215,7 +215,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
 
 
 class RecordingRegions(Regions):
-    """Regions that record all instances, all seeds, and seeds that an existing region already contains."""
+    """Regions that record their instances, the seeds of all regions, and the seeds that were already in a region."""
 
     made = []  # noqa: RUF012
 
@@ -249,7 +249,7 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
 
 
 def test_only_the_leg_with_a_corridor_has_its_routes_inside_the_corridor(monkeypatch):
-    """Routes start from both ends of a leg. Legs without a corridor share the routes from their common waypoint."""
+    """Routes are searched from both ends of a leg. Two legs without a corridor share the search at their common end."""
     recorded = []
 
     def route_lengths(grid, places, clearance, inside=None):
@@ -278,7 +278,7 @@ def test_snap_grows_with_the_seventh_power_of_the_speed():
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
-def test_a_waypoint_must_keep_the_clearance_plus_the_slack_of_regions():
+def test_a_waypoint_must_keep_the_additional_clearance_that_regions_keep():
     """Regions are 10 µm farther from obstacles than the clearance, and a waypoint must be in one of them."""
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
@@ -307,7 +307,7 @@ def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
 
 
 def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
-    """A ball blocks one side of a spherical waypoint. The free points keep the clearance, the sphere and the bounds."""
+    """A ball blocks one side of a spherical waypoint. Free points are in sphere and bounds, and away from the ball."""
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
@@ -367,8 +367,8 @@ def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
     assert space.nearest(points)[0].min() >= space.clearance
 
 
-def test_candidate_routes_keep_the_clearance_plus_the_slack_of_regions(monkeypatch):
-    """A route through a point is at least as long as the two straight lines from the point to both ends."""
+def test_candidate_routes_keep_the_additional_clearance_that_regions_keep(monkeypatch):
+    """The additional clearance is 10 µm. A route through a point is at least as long as straight lines to both ends."""
     recorded = []
     route_lengths = around.Grid.route_lengths
 
@@ -402,7 +402,7 @@ def test_the_message_distinguishes_blocked_waypoints_from_gaps_between_grid_poin
             around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
-def test_free_points_keep_the_clearance_plus_the_slack_of_regions():
+def test_free_points_keep_the_additional_clearance_that_regions_keep():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         problem = PathProblem([START, END])

@@ -62,7 +62,7 @@ def test_the_smallest_sets_of_obstacles_that_block_all_routes_are_named(walls, e
     assert expected in said
 
 
-def test_sets_whose_removal_certainly_opens_a_route_are_preferred():
+def test_the_message_prefers_obstacles_whose_removal_certainly_opens_a_route():
     """Removal of the first wall leaves a gap as wide as the grid spacing, 5 cm, so a route is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explanation_of({"a": wall(0.7), **sides})
@@ -99,8 +99,8 @@ def test_the_blocked_leg_is_named():
     assert said.startswith("there is no route from waypoint 0 to waypoint 1 with a clearance of")
 
 
-def test_legs_that_are_open_separately_can_be_blocked_in_combination():
-    """A wall divides the waypoint between two legs. The first leg ends in one part, the second begins in the other."""
+def test_two_legs_can_be_blocked_in_combination_although_each_leg_alone_has_a_route():
+    """A wall divides the region of the middle waypoint. One leg ends in one part, the next begins in the other part."""
     gate = Box([0.9, 0.2, 0.5], [1.1, 0.8, 0.5])
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
@@ -110,8 +110,8 @@ def test_legs_that_are_open_separately_can_be_blocked_in_combination():
     assert "no route was found" in explanation_of({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
 
 
-def test_a_corridor_is_named_only_for_its_own_segment():
-    """The wall leaves a gap on the right, and the corridor is on the left."""
+def test_the_message_names_a_corridor_only_if_the_segment_of_this_corridor_is_blocked():
+    """The wall leaves a gap outside the corridor, so it blocks only the segment that has the corridor."""
     walls = {"a": wall(1.0, high=0.5)}
     corridor = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0])
     places = (Box.point([0.3, 0.3, 0.5]), Box.point([1.7, 0.3, 0.5]), Box.point([0.3, 0.3, 0.5]))

@@ -43,11 +43,11 @@ def rest_to_rest(length, duration):
 
 @pytest.mark.parametrize("fraction", [0.1, 0.3, 0.5, 0.7, 0.9])
 def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(fraction):
-    """The ends of a piece are farthest from its middle where the path is fastest.
+    """The nearest obstacle is at the end of a piece, and another obstacle is closer to the middle of a piece.
 
-    The algorithm first cuts the path at multiples of 1/32 of its duration, so two pieces meet in the middle of the
-    path. One small ball is at this point. Another ball is closer to the middle of its piece than the first ball is to
-    the middle of any piece.
+    The algorithm first cuts the path into 32 pieces of equal duration, so two pieces meet in the middle of the path.
+    The pieces are longest there, because the path is fastest. The first ball is at this point. The second ball is
+    farther from the path, but closer to the middle of its piece than the first ball is to the middle of any piece.
     """
     path = rest_to_rest(8.0, 4.0)
     speed = evaluate(path, [5.0], 1)[0, 0]
@@ -82,8 +82,8 @@ def test_a_nearest_approach_is_printed_on_one_line():
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
 
 
-def test_the_distance_of_a_path_at_rest_is_the_distance_of_its_position():
-    """On a path at rest, all points of a piece coincide."""
+def test_the_nearest_approach_of_a_path_that_stays_at_one_point_is_this_point():
+    """On such a path, all points of a piece coincide."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     actual = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
     assert actual.distance == pytest.approx(0.75)

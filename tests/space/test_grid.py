@@ -89,7 +89,7 @@ def step_lengths(grid, start):
 
 @pytest.mark.parametrize("most", [400, 3000])
 def test_the_length_of_a_route_without_obstacles_is_the_sum_of_its_steps(most):
-    """A starting point is connected to all grid points within 1.8 spacings. From these, routes consist of steps."""
+    """A route begins with a line to any grid point within 1.8 spacings, and continues from grid point to neighbour."""
     grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.route_lengths(place[None], 0.1)
@@ -121,7 +121,7 @@ def tunnel(room):
 
 
 @pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
-def test_the_weighted_length_is_twice_the_length_at_the_smallest_clearance_and_less_beyond(room, factor):
+def test_lengths_are_doubled_at_the_smallest_clearance_and_increased_less_at_larger_clearances(room, factor):
     """Only the middle row is free, so all steps of the route have the same clearance."""
     grid, row = tunnel(room)
     clearance = grid.space.clearance
@@ -190,7 +190,7 @@ def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
     assert (hops <= 1.8 * grid.spacing + 1e-9).all()
 
 
-def test_a_route_ends_via_the_best_grid_point_and_begins_at_the_nearest_start():
+def test_a_route_begins_at_the_nearest_start_and_reaches_its_end_from_the_best_grid_point():
     """No other grid point near the end has a smaller sum of its route length and its distance to the end."""
     room = random_room(6)
     grid = Grid.of(room.space, room.bounds, max_points=20_000, min_spacing=0.08)

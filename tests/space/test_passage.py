@@ -1,4 +1,7 @@
-"""Tests of region chains and passages, by comparison with an enumeration in small mazes of boxes."""
+"""Tests of chains, the regions that cover a given route, and of passages, the regions through which a path leads.
+
+Passages are compared with an enumeration of all passages in small mazes of boxes.
+"""
 
 import itertools
 
@@ -110,7 +113,7 @@ MAZES = {
         [Box.point([0.5, 0.5, 0.9]), Box.point([2.6, 0.5, 0.9])],
         [None],
     ),
-    # The route along the top is 8 cm longer, which is less than the cost of a transition.
+    # The route along the top is 8 cm longer, but has one transition between boxes less, which saves 10 cm.
     "a detour with fewer transitions": (
         (
             ([0, 0, 0], [0.8, 1, 1]),
@@ -135,7 +138,7 @@ def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridor
     assert costs[actual] == pytest.approx(min(costs.values()), abs=1e-5)
 
 
-def test_a_passage_uses_only_candidates():
+def test_a_passage_uses_only_candidate_regions():
     """If the bottom box is excluded, the route leads along the longer top. If both are excluded, there is no route."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     assert find_passage(regions, [[0, 1, 2, 3]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
@@ -172,7 +175,7 @@ def test_random_passages_are_feasible(places):
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
-    """Two routes around a square are equally long, and both are drawn. If one becomes longer, only one is drawn."""
+    """Two routes around a square are equally long, and both are found. If one becomes longer, it is not found."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
@@ -189,12 +192,12 @@ def test_passage_lengths_include_the_distance_from_a_waypoint_to_the_centre_of_i
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]
-    # Only the larger box contains points of this end.
+    # Only the larger box contains this new end.
     ends[1] = np.array([[2.0, 4.0, 0.5]])
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
 
-def test_a_chain_uses_the_box_that_covers_the_longest_part_of_the_route():
+def test_a_chain_of_regions_uses_the_box_that_covers_the_longest_part_of_the_route():
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
@@ -204,8 +207,8 @@ def test_a_chain_uses_the_box_that_covers_the_longest_part_of_the_route():
     assert len(regions) == 4
 
 
-def test_a_chain_grows_regions_in_gaps():
-    """The gap between the two boxes is 0.8 m wide."""
+def test_new_regions_are_grown_where_existing_regions_do_not_cover_the_route():
+    """The gap between the two existing boxes is 0.8 m wide."""
     regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
     way = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
@@ -219,7 +222,7 @@ def test_a_chain_grows_regions_in_gaps():
     assert regions.containing(way, actual).any(axis=0).all()
 
 
-def test_candidate_regions_are_the_chain_and_then_regions_on_the_shortest_routes():
+def test_candidate_regions_are_the_chain_of_the_leg_and_then_regions_on_the_shortest_routes():
     boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
     regions = Boxes(*boxes)
     points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
@@ -236,7 +239,7 @@ def test_candidate_regions_are_the_chain_and_then_regions_on_the_shortest_routes
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_passages_drawn_without_random_factors_are_the_shortest_between_centres(monkeypatch, seed):
+def test_without_random_factors_passages_are_the_shortest_between_the_centres_of_regions(monkeypatch, seed):
     """The cost is the length of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
@@ -268,8 +271,8 @@ def test_passages_drawn_without_random_factors_are_the_shortest_between_centres(
     assert other_passages(regions, ends, [None, None], count=2) == expected
 
 
-def test_a_leg_starts_in_a_region_that_contains_its_waypoint_inside_the_corridor():
-    """The upper box intersects the waypoint and the corridor, but not their intersection."""
+def test_a_leg_starts_in_a_region_that_intersects_the_waypoint_within_the_corridor():
+    """The upper box intersects the waypoint only outside the corridor."""
     regions = Boxes(([0, 2, 0], [4, 3, 1]), ([0, 0, 0], [4, 2.2, 1]))
     gate, end = Box([0.5, 0.2, 0.5], [0.5, 2.9, 0.5]), Box.point([3.5, 2.4, 0.5])
     # Its upper face rises from y = 1 m at x = 0 to 3 m at x = 4 m.

@@ -21,12 +21,13 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred restarts in ten rooms. Other rooms have no route, or random regions do not connect
-# start and end.
+# `make passages` tries a hundred restarts in ten rooms. By default, ten restarts are tried in one room.
 NUM_RESTARTS = int(os.environ.get("RESTARTS", "10"))
-ROOM_SEEDS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if NUM_RESTARTS >= 100 else 1]
-# Number of passages that are drawn through the same regions.
-_NUM_DRAWS = 10
+NUM_ROOMS = 10 if NUM_RESTARTS >= 100 else 1
+# The rooms with the omitted seeds have no route, or random regions do not connect start and end.
+ROOM_SEEDS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][:NUM_ROOMS]
+# Number of random passages through each set of random regions.
+_NUM_PASSAGES_PER_SET = 10
 
 
 def durations_of_restarts(room, problem, count):
@@ -34,14 +35,14 @@ def durations_of_restarts(room, problem, count):
     grid = Grid.of(room.space, room.bounds, max_points=30_000, min_spacing=0.05)
     free = grid.nearest >= room.space.clearance + SLACK
     actual = []
-    for start in range(0, count, _NUM_DRAWS):
+    for start in range(0, count, _NUM_PASSAGES_PER_SET):
         random = np.random.default_rng([start, 27])
         regions = Regions(room.space, room.bounds)
         for place in room.places:
             regions.grow(place)
         regions.cover(grid.points[free], random.uniform(size=int(free.sum())))
         ends = [place[None] for place in room.places]
-        for passage in other_passages(regions, ends, problem.corridors, count=_NUM_DRAWS, seed=start):
+        for passage in other_passages(regions, ends, problem.corridors, count=_NUM_PASSAGES_PER_SET, seed=start):
             try:
                 actual.append(
                     plan_path(with_corridors(problem, regions, passage).problem, MinimumTimeTiming()).duration

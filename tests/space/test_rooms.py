@@ -38,7 +38,7 @@ def keeps_clearance(room, path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
-def test_random_rooms_are_planned_unless_they_are_blocked(seed):
+def test_the_planner_finds_a_path_through_a_random_room_unless_the_room_is_blocked(seed):
     room = random_room(seed)
     timing = (HeuristicTiming(), MinimumSnapTiming(12.0), *[HeuristicTiming()] * 7, MinimumTimeTiming())[seed % 10]
     try:

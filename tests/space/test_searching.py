@@ -71,7 +71,7 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
     assert regions.containing(free).any(axis=0).mean() > 0.9
 
 
-def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
+def test_the_region_chain_covers_the_grid_route_and_the_passage_leads_through_the_door_in_a_wall():
     room = walled(WALL_WITH_DOOR)
     grid, (begin, end) = grid_of(room), room.places[:, None]
     lengths, before = grid.route_lengths(begin, room.space.clearance)
@@ -122,7 +122,7 @@ def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():
         assert regions.containing(corners).all()
 
 
-def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_bounds():
+def test_a_region_reaches_to_the_bounds_and_to_the_increased_clearance_from_a_wall():
     space = Space((Obstacle("wall", Cuboid((1.5, 0.0, 0.0), size=(1.0, 9.0, 9.0))),), radius=0.2)
     bounds = Box([-1.0, -1.1, -1.2], [2.0, 1.3, 1.4])
     regions = Regions(space, bounds)
@@ -132,7 +132,7 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
     np.testing.assert_allclose([region.support(axis) for axis in axes], [1.0 - 0.2 - SLACK, 1.3, 1.4], atol=1e-8)
 
 
-def test_a_free_seed_is_always_in_its_region():
+def test_a_region_always_contains_the_free_point_around_which_it_grows():
     """Later IRIS iterations can lose a seed in a corner between obstacles. In this case only one iteration is used."""
     room = random_room(1)
     grid = grid_of(room)
@@ -157,7 +157,7 @@ class SmallRegions(Regions):
 
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
-def test_most_free_points_are_covered_starting_with_the_largest_clearance(count, grown):
+def test_regions_grow_around_the_points_with_the_largest_clearance_until_most_points_are_covered(count, grown):
     """Growth ends at 40 regions, or when at most 5 % of the points are uncovered. Each region covers one point."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)

@@ -71,7 +71,8 @@ def test_the_distance_inside_is_the_radius_of_the_largest_ball_within_the_solid(
     inside = distances < 0.0
     assert inside.any()
     expected = (points[inside] @ normals.T - offsets).max(axis=1)
-    # Triangles with 32 sides per turn lie inside the ball by this fraction of the radius, in both directions.
+    # Triangles approximate the ball by polygons of 32 sides along latitudes and longitudes, so they lie inside the ball
+    # by up to this distance.
     slack = (1.0 - math.cos(math.pi / 32.0) ** 2) * getattr(shape, "radius", 0.0) + 1e-8
     np.testing.assert_allclose(distances[inside], expected, atol=slack)
 

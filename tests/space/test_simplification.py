@@ -24,7 +24,8 @@ def drone(corners_per_disc, num_dome_points=0):
     """Return the vertices of a drone: a frame with four rotor guards and a dome.
 
     Args:
-        corners_per_disc: number of points on the arc of each guard, each of which adds eight corners to the hull.
+        corners_per_disc: number of points on the arc of one guard. Each point is on four guards and at two heights, so
+            it adds eight corners to the hull.
         num_dome_points: number of vertices on the dome.
     """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
@@ -107,7 +108,7 @@ def test_drone_meshes_of_the_tests_have_as_many_corners_as_real_meshes():
 
 
 @pytest.mark.slow
-def test_the_growth_is_a_distance_to_drake_s_convex_set():
+def test_the_growth_of_a_hull_is_the_largest_distance_of_its_corners_from_the_original_convex_set():
     points = sphere(130, 7) * [1.0, 0.5, 0.2]
     actual, hull = simplified_hull(points, MAX_CORNERS), convex_hull(points)
     corner = actual.corners[np.argmax(hull.distances(actual.corners))]
@@ -135,7 +136,7 @@ def test_a_hull_that_would_grow_too_much_is_rejected():
         simplified_hull(sphere(300) * [1.0, 1.0, 0.0], MAX_CORNERS)
 
 
-def test_the_replacement_of_a_hull_is_described_in_one_sentence():
+def test_the_simplification_of_a_hull_is_described_in_one_sentence():
     actual = simplified_hull(drone(13), MAX_CORNERS)
     fraction = 100.0 * actual.growth / 0.37
     assert str(actual) == (
@@ -164,8 +165,8 @@ def test_directions_are_evenly_spread_unit_vectors():
         assert gaps.max() < side
 
 
-def test_the_distance_from_a_flat_hull_is_measured_from_the_span_of_its_corners():
-    """This holds for any size and position of the corners."""
+def test_the_distance_from_a_flat_hull_is_the_distance_from_the_plane_or_line_of_its_corners():
+    """The distance is correct for any size and position of the corners, and also for a hull with a volume."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
         for count, distances in (

@@ -13,7 +13,7 @@ EXAMPLE = Interval(value=0.2, low=0.1, high=0.4)
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 
 
-def test_negation_and_shifts_change_the_value_and_both_ends():
+def test_negation_and_shifts_change_the_value_and_both_ends_of_an_interval():
     assert -EXAMPLE == (-0.2, -0.4, -0.1)
     assert EXAMPLE.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
     # The estimate is a ratio, and this is the corresponding reduction, 1 - ratio.
@@ -45,7 +45,7 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (Interval(1e-5, 2.53e-7, 5.57e-5).percent(), "0.00100 % [0.00002, 0.00557]"),
         (Interval(1.0, 0.9999631, 1.0).percent(), "100.0000 % [99.9963, 100.0000]"),
         (Interval(0.97, 0.93, 0.99).percent(), "97.0 % [93.0, 99.0]"),
-        # If three of four flights crash, or one error is significantly smaller than another, neither end may be 100 %.
+        # An end that differs from 100 %, or for a ratio from 1, is not rounded to this level.
         (Interval(0.75, 0.19412, 0.99369).percent(), "75.0 % [19.4, 99.4]"),
         (Interval(0.96, 0.923, 0.9981).percent(), "96.0 % [92.3, 99.9]"),
         (Interval(1.06, 1.0003, 1.13).ratio(), "1.0600 [1.0003, 1.1300]"),
@@ -58,7 +58,7 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         # The mean of equal values differs from them by a rounding error.
         (Interval(0.1, 0.1 - 1e-17, 0.1 + 2e-17).text(), "0.100 [0.100, 0.100]"),
         (Interval(1.0, 1.0, 1.0).percent(), "100 % [100, 100]"),
-        # An end below 100 % is not rounded to 100 %.
+        # An end that would be rounded to 100 % gets additional digits.
         (Interval(0.95, 0.9, 0.9996).percent(), "95.00 % [90.00, 99.96]"),
         # Some estimates have no interval, and some have an unbounded interval.
         (Interval(0.5, math.nan, math.nan).percent(), "50.0 %"),
@@ -98,7 +98,7 @@ gaps = st.one_of(st.just(0.0), st.floats(1.0, 10.0).flatmap(lambda f: st.integer
 def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_the_estimate(
     size, sign, below, above, unit
 ):
-    """The size and the width of the interval are random."""
+    """The estimate, and the distances of both ends from the estimate, are random."""
     value = sign * size
     exact = Interval(value, value - below * size, value + above * size)
     shown = exact.text(size=unit)
@@ -110,8 +110,8 @@ def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_th
     assert low <= printed <= high
     assert (low < printed) == (exact.low < exact.value)
     assert (printed < high) == (exact.value < exact.high)
-    # Rounding moves an end by less than one unit of the last digit, and the estimate by at most half a unit. The unit
-    # is at most a twentieth of the width, or a tenth if one end is the estimate.
+    # Rounding moves an end by less than one unit of the last digit, and the estimate by at most half a unit. This unit
+    # is at most a twentieth of the width of the interval. If one end equals the estimate, the unit is at most a tenth.
     assert high - low <= (1.1 if min(below, above) else 1.15) * (exact.high - exact.low) + rounding
 
 

@@ -1,4 +1,4 @@
-"""Distributions that estimates compute with `scipy.special`, compared with `scipy.stats`."""
+"""Tests that functions of `drake_quad.statistics.estimates`, such as quantiles and ranks, agree with `scipy.stats`."""
 
 import math
 
@@ -46,7 +46,7 @@ def test_the_sign_test_agrees_with_scipy():
             assert two_sided_sign_test(count, total) == pytest.approx(expected, rel=1e-12)
 
 
-def test_infinite_values_have_ranks_and_equal_values_have_no_correlation():
+def test_infinite_values_have_ranks_and_a_constant_has_no_rank_correlation():
     """Settling times are infinite for vehicles that do not settle."""
     x = np.arange(6.0)
     some = np.array([1.0, 2.0, 3.0, 4.0, math.inf, math.inf])

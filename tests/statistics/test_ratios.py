@@ -56,7 +56,7 @@ def test_the_interval_covers_the_ratio_of_means_of_skewed_metrics(count, allowed
     assert np.mean(covered) == pytest.approx(0.95, abs=allowed)
 
 
-def test_the_interval_does_not_depend_on_the_unit_or_on_the_order():
+def test_the_interval_depends_neither_on_the_unit_of_the_metrics_nor_on_the_order_of_the_samples():
     values, baseline, _ = lognormal_pairs(np.random.default_rng(3), 30)
     actual = ratio_of_means(values, baseline)
     assert ratio_of_means(1e-3 * values[::-1], 1e-3 * baseline[::-1]) == pytest.approx(actual, rel=1e-12)
@@ -121,7 +121,7 @@ def test_linearized_ratios_have_the_mean_and_the_standard_error_of_the_ratio():
 
 
 def test_the_ratio_and_the_difference_of_a_comparison_agree():
-    """In this example the mean of the single ratios is above 1, although the metric has the smaller mean."""
+    """In this example the mean of the ratios of single samples is above 1, but the ratio of the means is below 1."""
     rng = np.random.default_rng(6)
     baseline = rng.lognormal(0.0, 1.0, 60)
     value = 0.5 * rng.permutation(baseline) + 0.3

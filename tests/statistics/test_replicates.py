@@ -28,7 +28,7 @@ def test_a_mean_over_replicates_of_different_sizes_is_the_mean_of_the_values():
     assert found.high - found.low == pytest.approx(plain.high - plain.low, rel=0.1)
 
 
-def test_independent_samples_have_the_plain_intervals():
+def test_without_replicates_all_intervals_are_those_of_independent_samples():
     values = np.random.default_rng(2).random(50)
     assert INDEPENDENT.take(slice(9)).mean(values) == mean_interval(values)
     assert INDEPENDENT.proportion(values > 0.8) == proportion_interval(int(np.sum(values > 0.8)), 50)
@@ -50,7 +50,7 @@ def test_equal_samples_of_a_replicate_count_once():
     assert median.low <= plain.low <= plain.high <= median.high
 
 
-def test_a_proportion_is_never_more_certain_than_that_of_independent_samples():
+def test_the_interval_of_a_proportion_is_never_narrower_than_for_independent_samples():
     balanced = np.tile([True, False], 160)
     replicates = Replicates(np.repeat(np.arange(16), 20))
     assert replicates.effective_number(balanced) == 320
@@ -72,7 +72,7 @@ def test_a_fraction_has_an_interval_within_0_and_1():
     assert 0.0 < found.low < found.value < found.high < 1.0
 
 
-def test_a_ratio_is_that_of_the_sums_over_replicates():
+def test_a_ratio_of_samples_is_the_ratio_of_the_sums_over_replicates():
     rng = np.random.default_rng(6)
     values, baseline = rng.random((16, 5)), rng.random((16, 5))
     found = Replicates(np.repeat(np.arange(16), 5)).ratio(values.ravel(), baseline.ravel())

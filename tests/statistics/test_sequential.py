@@ -38,7 +38,7 @@ def test_intervals_of_sequences_are_up_to_twice_as_long_as_ordinary_intervals():
 @pytest.mark.long
 @pytest.mark.parametrize("probability", [1e-3, 0.01, 0.3, 0.97])
 def test_all_intervals_of_a_probability_contain_it_in_95_percent_of_studies(probability):
-    """Ordinary intervals that are computed equally often all contain the probability in fewer studies."""
+    """For comparison, the fraction of studies in which all ordinary intervals contain the probability is smaller."""
     generator = np.random.default_rng(1)
     events = generator.random((1000, CHECKPOINTS[-1])) < probability
     counts = np.cumsum(events, axis=1)[:, np.array(CHECKPOINTS) - 1]

@@ -25,23 +25,26 @@ def mean_of(points):
 
 
 def half_space(probability):
-    """Event on one side of a plane."""
+    """Return the performance function of an event: the point lies beyond a plane."""
     return lambda points, noise: mean_of(points) + scipy.special.ndtri(probability)
 
 
 def two_sides(probability):
-    """Event for large positive or negative values of the first coordinate; a chain cannot change the sign."""
+    """Return the performance function of an event: the first coordinate is large, with either sign.
+
+    A Markov chain cannot change the sign.
+    """
     return lambda points, noise: np.abs(points[:, 0]) + scipy.special.ndtri(0.5 * probability)
 
 
 def far_away(probability):
-    """Event far from the origin in any direction of ten coordinates."""
+    """Return the performance function of an event: the first ten coordinates are far from the origin."""
     radius = math.sqrt(scipy.stats.chi2.isf(probability, 10))
     return lambda points, noise: np.linalg.norm(points[:, :10], axis=1) - radius
 
 
 def event_of_noise(probability):
-    """Event that depends on the noise only."""
+    """Return the performance function of an event that depends on the noise only."""
     return lambda points, noise: (
         mean_of(scipy.special.ndtri((noise + 0.5) / MAX_NOISE)) + scipy.special.ndtri(probability)
     )
@@ -99,7 +102,7 @@ def test_the_probability_of_exceedance_is_known_at_all_levels():
     assert [run.exceedance(np.zeros(1))[0] for run in runs] == [run.probability for run in runs]
 
 
-def test_a_frequent_event_needs_no_chains():
+def test_a_frequent_event_needs_no_markov_chains():
     run = subset_simulation(half_space(0.3), DIMENSION, NUM_NOISE, np.random.default_rng(0), size=1000)
     assert run.num_evaluations == 1000
     assert run.probability == pytest.approx(0.3, abs=0.06)
