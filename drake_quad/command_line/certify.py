@@ -1,9 +1,9 @@
 """Certify how far all random parameters of a scenario may vary at once before hover becomes unstable.
 
-The ranges of all distributions are multiplied by a scale about their centres. Below the first printed scale, every
-combination of parameters is stable, by the structured singular value of the exact sampled loop. At the second one, the
-command has found an unstable loop. Combinations without an equilibrium, at which the rotors cannot hold the vehicle in
-hover, are reported separately.
+The ranges of all distributions are multiplied by a scale about their centres. The command prints two scales. Below the
+first scale, every combination of parameters is stable, by the structured singular value of the exact sampled loop. At
+the second scale, the command has found an unstable loop. Combinations without an equilibrium, at which the rotors
+cannot hold the vehicle in hover, are reported separately.
 """
 
 import argparse
@@ -192,15 +192,19 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         )
     if found.gap > _MAX_GAP:
         remark(
-            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is not proved to be"
-            " stable, and no instability was found"
+            f"the stable and the failing scale are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is not"
+            " proved to be stable, and no instability was found"
         )
     if found.left_out:
         remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")
 
 
 def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Path]:
-    """Write the scales, and for each parameter its certified range and its values where hover fails."""
+    """Write a table of the stable and the failing scales, and a table of the parameters.
+
+    The second table contains the certified range of each parameter, and the values of all parameters at the scales at
+    which hover fails.
+    """
     scales = {
         "stable_up_to_scale": found.stable_scale,
         "unstable_at_scale": found.unstable.scale,

@@ -103,7 +103,7 @@ class Event(NamedTuple):
         return np.where(distances == 0.0, _AT_BOUND, distances)
 
     def value(self, performance: np.ndarray) -> np.ndarray:
-        """Return the metric values that correspond to performances."""
+        """Return the values of the metric, given the values of `performance`."""
         return np.asarray(self.bound + self.sign * np.where(performance == _AT_BOUND, 0.0, performance))
 
 
@@ -124,7 +124,7 @@ class Coordinate(NamedTuple):
 
     @property
     def importance(self) -> float:
-        """Kullback-Leibler divergence of the samples from the standard normal distribution, if both are normal."""
+        """Kullback-Leibler divergence of a normal fit of the samples from the standard normal distribution."""
         variance = max(self.deviation, 1e-3) ** 2
         return 0.5 * (self.mean.value**2 + variance - 1.0 - math.log(variance))
 
@@ -247,7 +247,7 @@ def estimate_risk(
             if estimate is None and flights.num_flights >= max_flights:
                 raise InputError(
                     f"{max_flights:,} flights are enough for {len(runs)} runs, but an interval needs {MIN_RUNS}: allow"
-                    " more flights, or choose a smaller size"
+                    " more flights, or reduce the number of samples in each step (`size`, or --population)"
                 )
             return flights(scipy.special.ndtr(points), noise)
 
@@ -306,9 +306,9 @@ def _probability(runs: Sequence[SubsetRun]) -> Interval:
 
 
 def _coordinates(names: Sequence[str], runs: Sequence[SubsetRun]) -> tuple[Coordinate, ...]:
-    """Return the coordinates of the samples at which the event occurs, the most important one first.
+    """Return the coordinates of the samples at which the event occurs, starting with the most important coordinate.
 
-    The samples of a run are correlated, so the intervals follow from the means of the runs.
+    The samples of a run are correlated, so the interval of each mean follows from the means of the separate runs.
     """
     means = np.stack([run.points.mean(axis=0) for run in runs])
     deviations = np.concatenate([run.points for run in runs]).std(axis=0)

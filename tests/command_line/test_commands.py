@@ -413,7 +413,7 @@ def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
         "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert "rmse is zero, where it has no derivative" in result.stdout
+    assert "rmse has no derivative, because it is zero in this flight" in result.stdout
 
 
 @pytest.mark.long

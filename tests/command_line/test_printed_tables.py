@@ -504,7 +504,7 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
     whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
         sensitivities.print_sensitivities(whole, name)
-        assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
+        assert capsys.readouterr().out.endswith(f"{name} has no derivative, because it is zero in this flight\n")
 
 
 def test_default_fields_of_sensitivities_depend_on_the_layout_and_the_autopilot():

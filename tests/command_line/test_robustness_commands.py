@@ -92,7 +92,7 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
     assert result.returncode == 0
     assert "stable up to scale" in result.stdout
     assert "unstable at scale" in result.stdout
-    assert "gap between the bounds" in result.stdout
+    assert "gap between the scales" in result.stdout
     assert "all loops at the command link at once: disk margin" in result.stdout
     assert files(result) == ["scales.csv", "parameters.csv", "unstable.yaml"]
     scales, parameters = (read_table(tmp_path / f"{name}.csv") for name in ("scales", "parameters"))

@@ -112,7 +112,7 @@ def test_a_search_with_other_settings_or_points_is_not_continued(search, tmp_pat
         search(metric="rmse")
     with pytest.raises(InputError, match="contains a different study: its metric is rmse, not peak_error"):
         search(metric="peak_error", resume=True)
-    with pytest.raises(InputError, match="flight 0 of the earlier run had another point"):
+    with pytest.raises(InputError, match="since flight 0 of the earlier run had other random numbers"):
         search(1.0 - POINTS, metric="rmse", resume=True)
     (tmp_path / FLIGHTS_FILE).unlink()
     with pytest.raises(InputError, match="study.yaml exists already and is not overwritten"):

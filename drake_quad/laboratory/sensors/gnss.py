@@ -138,7 +138,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def gnss_noise(parameters: GnssParameters) -> GnssNoise:
-    """Return the noise record of a sensor with given parameters, filled with zeros."""
+    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
     return GnssNoise(
         Fix(*(0.0,) * 6),
         None if parameters.errors.position_drift is None else _ZERO,

@@ -151,7 +151,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def inertial_noise(parameters: Any) -> InertialNoise:
-    """Return the noise record of a sensor with given parameters, filled with zeros."""
+    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
     errors = parameters.errors
     return InertialNoise(
         _ZERO,
