@@ -131,8 +131,8 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
     crashed = metrics.crashed
     if crashed.any():
         raise InputError(
-            f"cannot predict the RMS error in hover: {crashed.sum()} of {len(crashed)} flights of {scenario.name} crash,"
-            f" the first after {metrics.crash_time.min():.1f} s"
+            f"cannot predict the RMS error in hover: {crashed.sum()} of {len(crashed)} flights of {scenario.name}"
+            f" crash, the first after {metrics.crash_time.min():.1f} s"
         )
 
 

@@ -330,7 +330,7 @@ def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
-def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_path):
+def test_a_vehicle_without_a_controller_flies_with_gains_that_are_designed_for_it(run, tmp_path):
     vehicle = (
         "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5, drag_factor: 8.5e-7,"
         " arm_length: 0.17, rotor_inertia: 6.5e-5, min_rotor_speed: 60.0, max_rotor_speed: 300.0},"
@@ -558,7 +558,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
-def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
+def test_the_printed_fly_command_repeats_the_flight_of_a_worst_sample(run, tmp_path):
     """The metrics of the repeated flight agree with the results of the study to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (fly) (\S+) --sample (\d+)", result.stdout)
@@ -700,7 +700,7 @@ def test_fly_shows_the_flight_live(run, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
-def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
+def test_replay_writes_one_page_for_several_samples_or_several_controllers(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output"]
     result = run("replay", *study, tmp_path / "swarm", "--samples", 3)
     assert (result.returncode, result.stderr) == (0, "")
@@ -864,7 +864,7 @@ def second_flight(task):
 
 
 @pytest.mark.long
-def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path, monkeypatch):
+def test_check_identification_recovers_a_known_vehicle_and_adds_only_missing_samples(run, tmp_path, monkeypatch):
     path, short = tmp_path / "autopilot.csv", ("--set", "duration=14")
     result = run("check_identification.py", "autopilot", "--samples", "1", *short, "--output", path)
     assert result.returncode == 0

@@ -1,4 +1,7 @@
-"""Commands that design gains, plan routes and read logs, with replaced computations. Interruptions of commands."""
+"""Tests of commands that design gains, plan routes and read logs, and of interruptions of commands.
+
+Stubs replace the computations of the commands.
+"""
 
 import importlib
 import math
@@ -30,7 +33,7 @@ from drake_quad.space.space import Obstacle, Space
 
 @pytest.fixture
 def designed(replaced):  # noqa: F811
-    """Return the recorded calls of a command `design` that finds the same gains for every scenario."""
+    """Let the command `design` use a stub that returns constant gains, and return all recorded calls of stubs."""
 
     def design(scenario, *_, on_board, integral):
         rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}
@@ -349,7 +352,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert named["overrides"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve refers to this voltage of the battery.
     assert named["voltage"] == 11.1
-    # The trim in hover refers to the measured mass.
+    # The weight that `print_hover` receives follows from the mass of the option --mass.
     (((_, weight), _),) = calls["print_hover"]
     assert weight == pytest.approx(0.55 * base.nominal.gravity)
     assert calls["print_predictions"] == [((predictions,), {})]
@@ -393,7 +396,7 @@ def test_ctrl_c_during_imports_ends_a_command_with_one_sentence(capsys, monkeypa
     ended = []
     monkeypatch.setattr(interruption.os, "_exit", ended.append)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # A worker process ignores this setting, since its parent ends it.
+    # In a worker process, the module installs no handler, because the parent process ends its workers.
     monkeypatch.setattr(multiprocessing, "current_process", lambda: SimpleNamespace(name="ForkProcess-1"))
     importlib.reload(interruption)
     assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL

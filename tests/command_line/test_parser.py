@@ -1,4 +1,4 @@
-"""A mistake in a command line gets one sentence with the nearest name, and status 2."""
+"""Tests that a mistake in a command line leads to status 2 and one sentence, which suggests the nearest name."""
 
 import re
 

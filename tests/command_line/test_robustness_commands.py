@@ -51,7 +51,7 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["risk", "falsify", "sobol"])
-def test_searches_have_the_options_of_studies_for_workers(command):
+def test_search_commands_have_the_same_worker_options_as_the_command_study(command):
     arguments = ["--workers", "3", "--time-limit", "5", "--resume", "--wired", "--vector", "pdf"]
     found = (
         command_module(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])

@@ -1,5 +1,4 @@
-"""Tests that studies on a Dask cluster have the results of local studies, and clear messages if the cluster fails.
-
+"""Tests that studies on a Dask cluster give the results of local studies and report failures of the cluster.
 
 Dask runs in other processes, since its threads would remain in this process, which other tests fork.
 """

@@ -52,7 +52,7 @@ def test_the_same_seed_repeats_a_search(scenario, found):
 
 
 @pytest.mark.slow
-def test_a_requirement_is_minimised(scenario):
+def test_the_smallest_robustness_of_a_requirement_is_found_as_its_worst_case(scenario):
     found = find_worst_case(scenario, "near", maximise=False, max_flights=2 * MIN_FLIGHTS, num_noise=2, sigma=1.0)
     assert np.abs(found.point).max() <= 1.0
     assert found.value == pytest.approx(0.1 - simulate(found.scenario, compiled=True).metrics.peak_error, abs=1e-6)

@@ -91,7 +91,7 @@ def test_a_text_that_is_not_an_event_is_refused(scenario, text, words):
         Event.parse(text, scenario)
 
 
-def test_performances_are_not_negative_if_the_event_occurs():
+def test_the_performance_of_a_flight_is_negative_unless_the_event_occurs():
     scenario = load_scenario("hover", ["requirements={near: {always: {signal: position_error, below: 0.1}}}"])
     kind = scenario.metrics_type
     values = {name: np.zeros(3) for name in kind._fields}

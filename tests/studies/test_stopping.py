@@ -29,7 +29,7 @@ def test_a_study_ends_at_the_first_checkpoint_at_which_its_rules_are_met(scenari
     for count in counts[: counts.index(end) + 1]:
         met = all(rule.is_met(study.metrics.take(slice(count))) for rule in parsed)
         assert met == (count == end)
-    # The end depends neither on the batches nor on an interruption.
+    # The number of samples depends neither on the batches nor on an interruption.
     other = run_monte_carlo(scenario, 5000, num_workers=2, batch_size=100, until=rules)
     assert np.array_equal(other.metrics.rmse, study.metrics.rmse)
     resumed = run_monte_carlo(scenario, 5000, num_workers=1, until=rules, folder=tmp_path, resume=True)

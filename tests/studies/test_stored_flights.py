@@ -67,7 +67,7 @@ def search(scenario, tmp_path, monkeypatch):
     return evaluate
 
 
-def test_values_belong_to_their_points(search):
+def test_each_flight_has_the_value_of_its_own_point(search):
     values, flown = search()
     np.testing.assert_array_equal(values, POINTS.sum(axis=1) + NUMBERS)
     assert sorted(flown) == sorted(POINTS.tolist())
