@@ -37,8 +37,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at
 from drake_quad.scenario.paths import distributions_in, map_leaves
 
-_MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
-_OFFSET = 0.1  # m and rad, initial error of the flight that shows an instability
+_MAX_GAP = 0.1  # a larger relative gap between the stable and the failing scale is remarked
+_INITIAL_ERROR = 0.1  # m and rad, initial error of the flight that shows an instability
 # Duration of the flight that shows an instability, in time constants of its growth, and limits of the duration, s.
 _NUM_GROWTH_TIMES = 5.0
 _MIN_FLIGHT_SECONDS = 20.0
@@ -101,10 +101,10 @@ def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Sce
         flights.append(
             (
                 "unstable.yaml",
-                hovering_at(median, loop.values, duration=_flight_seconds(time_constant), offset=_OFFSET),
+                hovering_at(median, loop.values, duration=_flight_seconds(time_constant), offset=_INITIAL_ERROR),
                 [
                     f"to see the instability, fly in hover with the parameters at scale {loop.scale:.3g}:",
-                    f"the vehicle starts {100.0 * _OFFSET:.0f} cm beside its reference along each axis,",
+                    f"the vehicle starts {100.0 * _INITIAL_ERROR:.0f} cm beside its reference along each axis,",
                     f"and an oscillation grows by a factor of e in {time_constant:.1f} s, until commands saturate or it"
                     " crashes",
                 ],

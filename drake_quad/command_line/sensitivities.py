@@ -35,8 +35,8 @@ _COMMON_FIELDS = (
 )
 # Prefixes of the paths of drag fields. A drag field is a default field if its value is not 0.
 _DRAG_FIELDS = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
-# Names of gains in a controller on the ground station. These gains are default fields.
-_GAINS = ("k_p", "k_d")
+# Names of the gains of controllers on the ground station. These gains are default fields.
+_GAIN_NAMES = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
@@ -53,13 +53,13 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
         *(
             path
             for part in ("position", "velocity")
-            for gain in _GAINS
+            for gain in _GAIN_NAMES
             for path, value in leaves(scenario)
             # A gain is one number in some controllers, and one number per axis in others.
             if re.fullmatch(rf"control\.{part}\.{gain}(\.\d)?", path) and value
         ),
     ]
-    loop_gains = [f"control.attitude.{gain}" for gain in _GAINS]
+    loop_gains = [f"control.attitude.{gain}" for gain in _GAIN_NAMES]
     if autopilot.controls_attitude:
         names = type(autopilot).model_fields
         loop_gains = [f"laboratory.autopilot.{name}" for name in names if isinstance(getattr(autopilot, name), tuple)]

@@ -33,7 +33,7 @@ HOVER_TIME = 40.0
 """Duration of a flight in hover, s."""
 
 _FLEET_SIZE = 64  # number of flights that are simulated at once
-_MAX_HOVERS = 1024  # limit on the number of flights, reached if the intervals remain wide
+_MAX_NUM_FLIGHTS = 1024  # limit on the number of flights, reached if the intervals remain wide
 # Flights are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
 # RMS error, and an absolute one for axes whose only errors are rounding errors.
 _RELATIVE_PRECISION = 0.05
@@ -86,7 +86,7 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
         errors = metrics.rmse_x, metrics.rmse_y, metrics.rmse_z, metrics.rmse
         squares = np.concatenate([squares, np.square(errors)], axis=1)
         intervals = [_root_of_mean(each) for each in squares]
-        if all(map(_is_precise, intervals)) or squares.shape[1] >= _MAX_HOVERS:
+        if all(map(_is_precise, intervals)) or squares.shape[1] >= _MAX_NUM_FLIGHTS:
             x, y, z, rms = intervals
             return HoverError(x, y, z, rms, squares.shape[1])
 

@@ -40,7 +40,8 @@ _CRASH = "crash"
 _SIGNS = {">": 1.0, "<": -1.0}
 _EVENT_PATTERN = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
 _STEP_PROBABILITY = 0.1  # fraction of the samples that satisfy the condition of the next step
-_AT_BOUND = -5e-324  # performance of a flight whose metric is equal to the bound, the largest number below zero
+# Performance of a flight whose metric is equal to the bound: the largest floating-point number below zero.
+_PERFORMANCE_AT_BOUND = -5e-324
 DEFAULT_PERIOD = 1.0
 """Default length of the periods whose noise is drawn separately, s."""
 
@@ -86,7 +87,9 @@ class Event(NamedTuple):
         return self.metric if self.metric == _CRASH else f"{self.metric} {'>' if self.sign > 0 else '<'} {self.bound:g}"
 
     def performance(self, metrics: Metrics) -> np.ndarray:
-        """Return the performances (n,) of flights, which are 0 or more if the event occurs.
+        """Return the performance (n,) of each flight, a number that is 0 or more if the event occurs.
+
+        The closer a flight without the event is to the event, the larger is its performance.
 
         Raises:
             InputError: if the metric of a flight is not defined.
@@ -100,11 +103,11 @@ class Event(NamedTuple):
             raise InputError(f"{self.metric} is not defined in every flight, so it cannot define an event")
         distances = np.asarray(self.sign * (values - self.bound))
         # The event does not include its bound, so that a requirement with the robustness 0 is satisfied.
-        return np.where(distances == 0.0, _AT_BOUND, distances)
+        return np.where(distances == 0.0, _PERFORMANCE_AT_BOUND, distances)
 
     def value(self, performance: np.ndarray) -> np.ndarray:
         """Return the values of the metric, given the values of `performance`."""
-        return np.asarray(self.bound + self.sign * np.where(performance == _AT_BOUND, 0.0, performance))
+        return np.asarray(self.bound + self.sign * np.where(performance == _PERFORMANCE_AT_BOUND, 0.0, performance))
 
 
 class Coordinate(NamedTuple):
@@ -137,8 +140,8 @@ class Risk:
         event: event whose probability is estimated.
         probability: estimate with its 95 % interval.
         runs: independent runs of subset simulation.
-        coordinates: all coordinates of the samples at which the event occurs, the most important one first.
-        scenarios: scenarios of the worst samples, the worst one first.
+        coordinates: all coordinates of the samples at which the event occurs, most important coordinate first.
+        scenarios: scenarios of the worst samples, worst sample first.
         num_flights: number of flights of all runs.
         is_precise: True if the interval is as short as requested.
     """
@@ -317,7 +320,7 @@ def _coordinates(names: Sequence[str], runs: Sequence[SubsetRun]) -> tuple[Coord
 
 
 def _worst_scenarios(evaluator: Evaluator, runs: Sequence[SubsetRun], number: int) -> tuple[Scenario, ...]:
-    """Return the scenarios of the samples with the largest performances, at most one of each run."""
+    """Return the scenarios of the samples with the largest values of `performance`, at most one sample of each run."""
     best = [(run.performance.max(), int(run.performance.argmax()), run) for run in runs]
     best.sort(key=operator.itemgetter(0), reverse=True)
     return tuple(

@@ -136,7 +136,7 @@ def test_a_crash_is_reported_but_is_not_a_failure(run, tmp_path):
         (["--set", "control.position.k_p=1"], "control.position.k_p is 1, but must be a list"),
     ],
 )
-def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_invalid_input_is_reported_in_one_sentence_with_status_2(run, tmp_path, arguments, words):
     output = tmp_path / "out"
     result = run("fly", *arguments, "--output", output)
     assert result.returncode == 2
@@ -188,7 +188,7 @@ def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown
         (["--set", "nominal.mass=3"], "the rotors cannot fly this route"),
     ],
 )
-def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_a_route_that_cannot_be_planned_is_reported_in_one_sentence_with_status_2(run, tmp_path, arguments, words):
     output = tmp_path / "out"
     result = run("plan", *arguments, "--output", output)
     assert result.returncode == 2
@@ -747,8 +747,8 @@ def test_installed_simulators_are_compared(run):
         r"^\| drake_quad \S+, compiled, 100 Hz.* \| [\d,.]+ \([\d,.]+\) \| [\d,.]+ \([\d,.]+\) \|$", result.stdout, re.M
     )
     for package in ("crazyflow", "rotorpy"):
-        told = f"{package} is not installed, so it is not measured" in result.stderr
-        assert told != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
+        is_reported = f"{package} is not installed, so it is not measured" in result.stderr
+        assert is_reported != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
 
 
 @pytest.mark.long
@@ -899,7 +899,7 @@ def test_check_identification_recovers_a_known_vehicle_and_adds_only_missing_sam
         ),
     ],
 )
-def test_an_impossible_check_of_the_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_check_identification_refuses_invalid_arguments_in_one_sentence_with_status_2(run, tmp_path, arguments, words):
     (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
     head = "# wind seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
     (tmp_path / "before.csv").write_text(head, encoding="utf-8")
@@ -958,7 +958,7 @@ def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
         ),
     ],
 )
-def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
+def test_identify_refuses_invalid_arguments_in_one_sentence_with_status_2(run, tmp_path, arguments, words, monkeypatch):
     output = [] if "--output" in arguments else ["--output", tmp_path / "mine.yaml"]
     result = run("identify", *arguments, *output)
     assert result.returncode == 2

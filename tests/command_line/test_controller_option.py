@@ -260,7 +260,7 @@ def test_a_scenario_whose_kinds_are_all_shipped_is_saved_without_a_comment_on_op
     assert (tmp_path / "saved.yaml").read_text(encoding="utf-8").startswith("robustness:\n")
 
 
-def test_controllers_with_equal_names_are_called_by_their_files_or_their_numbers(mine) -> None:
+def test_controllers_with_equal_names_are_distinguished_by_their_files_or_their_parameters(mine) -> None:
     specs = [
         "controllers/paper:pd", "controllers/designed/laboratory:pd", f"{mine}:Mine",
         f"{mine}:Mine control.position.k_p=0.4", f"{mine}:Mine control.position.k_p=[1, 2] vehicle.mass=0.7",

@@ -140,20 +140,20 @@ def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides,
     designed = load_scenario(
         "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
     )
-    told = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
+    remarks = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
     words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
-    assert [bool(re.search(words, sentence)) for sentence in told] == [True] * is_remarked
+    assert [bool(re.search(words, sentence)) for sentence in remarks] == [True] * is_remarked
 
 
 @pytest.mark.parametrize("scenario", ["onboard", "hover"])
 def test_a_remark_suggests_lqr_if_a_slow_pole_on_board_limits_a_loop(scenario):
     limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
     design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
-    told = design_remarks(design, load_scenario(scenario))
-    assert [sentence.partition(", and not")[0] for sentence in told] == (
+    remarks = design_remarks(design, load_scenario(scenario))
+    assert [sentence.partition(", and not")[0] for sentence in remarks] == (
         ["a slow pole of the loops on board limits x, y"] if scenario == "onboard" else []
     )
-    assert all("--method lqr" in sentence for sentence in told)
+    assert all("--method lqr" in sentence for sentence in remarks)
 
 
 @pytest.mark.slow

@@ -389,7 +389,7 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
         pass
 
 
-def test_studies_without_random_parameters_get_a_single_remark(capsys):
+def test_a_single_remark_reports_several_studies_without_random_parameters(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
     given = argparse.Namespace(
         scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse", draws=None, samples=40
@@ -723,8 +723,8 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
 
     replaced("replicate", fly_experiment=interrupted)
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
-    told = f"interrupted: the finished table cells are in {tmp_path}; --resume continues from them\n"
-    assert (result.returncode, result.stderr) == (1, told)
+    message = f"interrupted: the finished table cells are in {tmp_path}; --resume continues from them\n"
+    assert (result.returncode, result.stderr) == (1, message)
     assert replicate.load(Cell("low_wind", "pd")).name == "low_wind_pd"
 
 

@@ -382,13 +382,13 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     assert printed.err == "remark: of the flights\n"
 
 
-@pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
-def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_told):
+@pytest.mark.parametrize(("weak", "is_remarked"), [(["mass"], False), (["mass", "linear_drag"], True)])
+def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_remarked):
     found = identified()
     estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
     identify.print_estimates(replace(found, estimates=estimates))
-    told = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
-    assert told == is_told
+    is_printed = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
+    assert is_printed == is_remarked
 
 
 def test_explained_variances_of_outputs_are_printed(capsys):
@@ -631,7 +631,7 @@ def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys
     assert starts == {2 + 18 + 2}
 
 
-def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys, tmp_path):
+def test_the_largest_influences_are_printed_with_the_paths_of_their_fields(capsys, tmp_path):
     rng = np.random.default_rng(1)
     mass, x, unrelated = rng.uniform(0.5, 1.0, size=(3, 200))
     metrics = metrics_of(0.1 + mass + 6.0 * (x - 0.75) ** 2, crashed=np.flatnonzero(x > 0.95))
@@ -684,7 +684,7 @@ def test_crashes_of_replayed_flights_are_counted(capsys):
     assert capsys.readouterr().out == "a: 3 flights, 2 crashed\nb: 1 flights, 0 crashed\n"
 
 
-def test_errors_of_judged_controllers_are_in_centimetres_with_the_fraction_of_crashes(capsys):
+def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     metrics = metrics_of([0.1, 0.2, 0.3, 0.9], crashed=[3])
     assert judge.error_text(None) == "–"
     assert judge.error_text(metrics) == "20.0 25.0 %"

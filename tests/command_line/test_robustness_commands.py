@@ -128,7 +128,7 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
         (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
     ],
 )
-def test_wrong_options_are_refused_in_a_sentence(run, tmp_path, arguments, words):
+def test_invalid_options_of_the_robustness_commands_are_refused_in_one_sentence(run, tmp_path, arguments, words):
     result = run(*arguments, "--output", tmp_path / "out")
     assert result.returncode == 2
     assert words in result.stderr

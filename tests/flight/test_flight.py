@@ -180,7 +180,7 @@ def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
 
 
 @pytest.mark.long
-def test_a_recorded_fleet_has_the_flights_of_its_samples(imperfect):
+def test_samples_that_are_recorded_in_a_fleet_fly_as_they_fly_alone(imperfect):
     """Each flight has a scenario with the drawn values and the index of its sample."""
     flights = simulate_samples(imperfect, [40, 7], seed=3)
     alone = simulate(imperfect, seed=3, sample=7, compiled=False)

@@ -181,7 +181,7 @@ def test_an_axis_with_only_rounding_errors_needs_no_further_flights(stub_errors,
     assert hover_error(load_scenario("hover")).num_hovers == hovers
 
 
-def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):
+def test_vehicles_hover_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):
     positions = []
 
     def constant_error_at(scenario):

@@ -245,7 +245,7 @@ def test_a_user_defined_policy_needs_a_control_of_kind_policy():
 
 
 @pytest.mark.long
-def test_a_policy_in_plain_python_has_the_flight_of_a_network(tmp_path):
+def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
     """The user's system computes `action` from `observation`, in uncompiled and compiled diagrams."""
 
     class PlainPolicy(LeafSystem):

@@ -627,7 +627,7 @@ def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
     attempts, seen = tmp_path / "attempts", []
     attempts.mkdir()
     monkeypatch.setattr(run_module, "fly_batch", Failing(attempts, "raises", 99))
-    run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *told: seen.append(told))
+    run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *counts: seen.append(counts))
     assert seen == [(0, 8), (4, 8), (6, 8), (7, 8), (8, 8)]
 
 
@@ -703,7 +703,7 @@ def test_sobol_draws_do_not_change_wind_and_noise():
         ({"draws": "sobol", "num_samples": 64, "until": ["rmse ± 1 %"]}, "a study with sobol draws cannot end early"),
     ],
 )
-def test_impossible_draws_are_refused(options, words):
+def test_draws_that_do_not_fit_the_study_are_refused(options, words):
     with pytest.raises(InputError, match=words):
         run(**options)
     with pytest.raises(InputError, match="hover contains no distribution, so sobol draws have no effect"):

@@ -31,7 +31,7 @@ def test_a_probability_agrees_with_plain_sampling(scenario, risk):
 
 
 @pytest.mark.long
-def test_worst_samples_fly_again_with_the_same_metric(risk):
+def test_repeated_flights_of_the_worst_samples_have_the_same_metric(risk):
     values = sorted((run.performance.max() for run in risk.runs), reverse=True)
     assert len(risk.scenarios) == 3
     for each, performance in zip(risk.scenarios, values, strict=False):
@@ -68,7 +68,7 @@ def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scen
 
 
 @pytest.mark.slow
-def test_an_impossible_event_is_refused_with_the_largest_value_that_was_reached(monkeypatch):
+def test_an_event_that_is_too_rare_is_refused_with_the_largest_value_that_was_reached(monkeypatch):
     monkeypatch.setattr(subset_simulation, "_MAX_LEVELS", 3)
     quiet = load_scenario("hover", ["duration=0.1", MASS_DISTRIBUTION])
     with pytest.raises(InputError, match=r"peak_error > 4 is too rare: a run ended without .* and peak_error = "):

@@ -69,7 +69,7 @@ def test_checkpoints_grow_and_end_at_the_number_of_samples():
         ("near +/- 2 %", ("near", 0.02, True)),
     ],
 )
-def test_rules_are_parsed(scenario, text, expected):
+def test_stopping_rules_are_parsed(scenario, text, expected):
     rule = StoppingRule.parse(text, scenario)
     assert rule == (expected[0], pytest.approx(expected[1]), expected[2])
 
@@ -84,6 +84,6 @@ def test_rules_are_parsed(scenario, text, expected):
         ("speed ± 1 %", "speed is not crash, a requirement or a metric of robustness; choose from near, rmse"),
     ],
 )
-def test_wrong_rules_are_refused(scenario, text, message):
+def test_invalid_stopping_rules_are_refused(scenario, text, message):
     with pytest.raises(InputError, match=message):
         StoppingRule.parse(text, scenario)

@@ -193,8 +193,8 @@ def test_the_first_difference_is_named_by_its_path(before, now, words):
 
 
 def test_the_record_of_a_study_lists_each_kind_of_flown_diagram_once(hover, tmp_path):
-    told = []
+    flown_kinds = []
     for compiled in (True, False, True):
         with open_any(tmp_path, hover, 3, 2.0, UserSystems(), compiled=compiled, resume=True):
-            told.append(read_record(tmp_path).flown)
-    assert told == [["compiled"], ["compiled", "wired"], ["wired", "compiled"]]
+            flown_kinds.append(read_record(tmp_path).flown)
+    assert flown_kinds == [["compiled"], ["compiled", "wired"], ["wired", "compiled"]]
