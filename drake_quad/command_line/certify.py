@@ -154,7 +154,7 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
 
 
 def hovering_at(median: Scenario, values: dict[str, float], *, duration: float, offset: float = 0.0) -> Scenario:
-    """Return a scenario that hovers in still air, the flight for which `certify` computes its bounds.
+    """Return a scenario that hovers in still air, the flight for which `certify` computes its scales.
 
     Args:
         median: scenario without distributions.
@@ -175,7 +175,7 @@ def _flight_seconds(growth_time: float) -> float:
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
-    """Print the bounds of the scale, the failing parameters, and the distributions that do not act on hover."""
+    """Print the stable and the failing scales, the failing parameters, and distributions without effect on hover."""
     print_scales(scenario.name, found)
     failures = {"unstable": found.unstable, "no equilibrium": found.lost}
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}

@@ -173,7 +173,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
 
 
 def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return the initial vehicle as FILE or FILE:NAME: as the logs name it, or the scenario beside a saved flight.
+    """Return FILE or FILE:NAME of the initial vehicle, which the logs name, or of the scenario beside a saved flight.
 
     Raises:
         InputError: if the logs name different vehicles, or no vehicle.

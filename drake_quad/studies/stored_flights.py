@@ -75,7 +75,7 @@ class StoredFlights:
         return f"{len(self._rows):,} flights are in {self._file.path}, and --resume continues from there"
 
     def __call__(self, points: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """Return the values (n,) of flights.
+        """Return the value (n,) of each flight. Flights whose values are stored are not flown again.
 
         Args:
             points: (n, d) points of the unit cube.

@@ -26,7 +26,7 @@ def in_laboratory(layer, *overrides):
 
 
 def hovering(layer, start, end):
-    """Return `laboratory:nominal` with a hover that ends at `end` and metrics that begin at `start`, s."""
+    """Return `laboratory:nominal` with a flight in hover until `end` and metrics that begin at `start`, s."""
     route = f"route={{kind: hover, position: [0, 0, 1], duration: {end}}}"
     return in_laboratory(layer, route, f"metrics.start={start}", "seed=7")
 
@@ -162,8 +162,7 @@ def stub_errors(monkeypatch):
 
 @pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
 def test_flights_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_on_each_axis(stub_errors, spread):
-    """The relative half-width of the RMS error along Z is proportional to 1 / √n, which gives the expected number n of
-    hovers."""
+    """The relative half-width of the RMS error along Z is proportional to 1 / √n for n flights."""
 
     def error(axis, samples):
         return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))
@@ -175,10 +174,10 @@ def test_flights_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_
     np.testing.assert_allclose(axis_errors(prediction), 1.0)
 
 
-@pytest.mark.parametrize(("size", "hovers"), [(1e-8, 64), (1e-5, 1024)])
-def test_an_axis_with_only_rounding_errors_needs_no_further_flights(stub_errors, size, hovers):
+@pytest.mark.parametrize(("size", "num_flights"), [(1e-8, 64), (1e-5, 1024)])
+def test_an_axis_with_only_rounding_errors_needs_no_further_flights(stub_errors, size, num_flights):
     stub_errors(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
-    assert hover_error(load_scenario("hover")).num_hovers == hovers
+    assert hover_error(load_scenario("hover")).num_hovers == num_flights
 
 
 def test_vehicles_hover_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):

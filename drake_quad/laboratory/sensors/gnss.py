@@ -160,7 +160,7 @@ def first_gnss_memory(parameters: GnssParameters, noise: GnssNoise | None, state
 def next_gnss_memory(
     parameters: GnssParameters, noise: GnssNoise | None, memory: GnssMemory, state: State
 ) -> GnssMemory:
-    """Return the slowly varying errors at the next reading; `memory` contains those at the previous one."""
+    """Return the slowly varying errors at the next reading; `memory` contains the errors at the previous reading."""
     if noise is None:
         return memory
     drift, jumped = memory

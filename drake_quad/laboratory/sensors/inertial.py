@@ -182,7 +182,7 @@ def next_memory(
     measured: Vector,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the internal state of a sensor at the next reading; `memory` is the state at the previous one."""
+    """Return the internal state of a sensor at the next reading; `memory` is the state at the previous reading."""
     drift, walk, warm_up, filtered, phases = memory
     if errors.bias_instability is not None and noise is not None:
         deviation, correlation = errors.bias_instability
