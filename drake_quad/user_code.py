@@ -11,7 +11,8 @@ from typing import Any
 from drake_quad.errors import InputError, shortest_path
 
 _PACKAGE = str(Path(__file__).parent) + os.sep
-# File whose function `run` calls the main function of a program; its frames are not user code.
+# The function `run` in this file calls the main function of a command or script. Stack frames in this file are skipped,
+# so that the main function does not count as user code that the package calls.
 _RUNNER = str(Path(__file__).parent / "command_line" / "running.py")
 # Folders of the standard library and of installed packages.
 _LIBRARIES = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")})
@@ -52,8 +53,8 @@ def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
             if frame.filename == _RUNNER:
                 continue
             if frame.filename.startswith(_PACKAGE):
-                # A frame that stops at `yield` is a context manager. The frames after it are the body of the `with`
-                # statement, which the context manager did not call.
+                # A frame that stops at `yield` is a context manager. The next frames belong to the body of its `with`
+                # statement, which this package did not call.
                 is_inside = is_inside or not (frame.line or "").startswith("yield")
             elif is_inside and not frame.filename.startswith(("<", *_LIBRARIES)):
                 frames.append(frame)

@@ -1,4 +1,4 @@
-"""Write a sliding-mode position controller as a Drake system, and compare it with the PD of the figure eight."""
+"""Write a sliding-mode position controller as a Drake system, and compare it with the PD of scenario figure_eight."""
 
 from typing import Any
 

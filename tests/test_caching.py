@@ -92,7 +92,7 @@ class Setting:
         Setting.value = self.before
 
 
-def test_a_setting_is_restored_when_overlapping_threads_have_left():
+def test_a_setting_is_restored_after_the_last_of_several_threads_leaves_its_context():
     """The thread that enters first also leaves first, while the other thread is still inside."""
     changed = ProcessSetting(Setting)
     one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))

@@ -115,7 +115,7 @@ def test_a_loop_built_block_by_block_flies_like_the_equivalent_scenario(run_scri
 
 
 @pytest.mark.slow
-def test_pd_gains_have_the_requested_damping_and_fly_like_their_linear_model(run_script):
+def test_a_designed_pd_has_the_requested_damping_and_flies_like_its_linear_model(run_script):
     text, variables = run_script("design_pd_gains.py")
     k_p, k_d = numbers("attitude: k_p # 1/s², k_d # 1/s", text)
     assert k_d == pytest.approx(2.0 * 0.8 * np.sqrt(k_p), abs=0.01)
@@ -281,7 +281,7 @@ def test_the_sliding_mode_and_the_pd_have_the_expected_errors(run_script):
 
 
 @pytest.mark.long
-def test_gains_designed_from_a_data_sheet_have_stability_margins_and_fly(run_script, tmp_path):
+def test_a_vehicle_from_a_data_sheet_flies_with_designed_gains_that_have_stability_margins(run_script, tmp_path):
     text, _ = run_script("design_from_data_sheet.py")
     margins = re.findall(r"^(\w+): (\d+)°, (\S+) dB, (\d+) ms$", text, re.MULTILINE)
     assert {axis for axis, *_ in margins} == {"roll", "pitch", "yaw", "x", "y", "z"}

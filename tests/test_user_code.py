@@ -71,13 +71,13 @@ def test_an_error_raised_from_a_user_s_error_is_located_in_the_user_s_code(mine)
 
 
 def test_an_error_inside_a_library_is_located_at_the_user_s_call_of_the_library(mine):
-    error = error_of(entry_of, mine.parsed)
+    error = error_of(call_from_package, mine.parsed)
     assert isinstance(error, json.JSONDecodeError)
     assert describe_error(error) == "mine.py:15: JSONDecodeError: Expecting value: line 1 column 1 (char 0)"
 
 
-def test_an_input_error_in_the_user_s_code_is_located_without_its_type(mine):
-    error = error_of(entry_of, lambda _: mine.loaded())
+def test_an_input_error_in_the_user_s_code_is_printed_with_file_and_line_but_without_its_type(mine):
+    error = error_of(call_from_package, lambda _: mine.loaded())
     assert isinstance(error, InputError)
     assert describe_error(error).startswith("mine.py:18: 'no_such_scenario' is neither a file nor a shipped scenario")
 
@@ -91,7 +91,7 @@ def test_a_program_that_calls_this_package_is_not_user_code(mine):
     assert describe_error(error_of(json.loads, "")).startswith("JSONDecodeError: ")
 
 
-def test_the_body_of_a_program_s_with_statement_is_not_user_code():
+def test_the_body_of_a_with_statement_in_a_program_is_not_user_code():
     def body():
         with open_source(Path(__file__)):
             raise KeyError("a")
@@ -132,8 +132,8 @@ class Table(dict):
         return self.function("")
 
 
-def entry_of(function):
-    """Let the function `lookup` of this package call a user's function."""
+def call_from_package(function):
+    """Call a function as user code: the function `lookup` of this package calls it."""
     try:
         lookup(Table(function), "name", "name")
     except Exception as error:

@@ -1,9 +1,9 @@
 """Certify how far all random parameters of a scenario may vary at once before hover becomes unstable.
 
-The ranges of all distributions are multiplied by a scale about their centres. Below the first printed scale, every
-combination of parameters is stable, by the structured singular value of the exact sampled loop. At the second one, the
-command has found an unstable loop. Combinations without an equilibrium, at which the rotors cannot hold the vehicle in
-hover, are reported separately.
+The ranges of all distributions are multiplied by a scale about their centres. The command prints two scales. Below the
+first scale, every combination of parameters is stable, by the structured singular value of the exact sampled loop. At
+the second scale, the command has found an unstable loop. Combinations without an equilibrium, at which the rotors
+cannot hold the vehicle in hover, are reported separately.
 """
 
 import argparse
@@ -37,8 +37,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at
 from drake_quad.scenario.paths import distributions_in, map_leaves
 
-_MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
-_OFFSET = 0.1  # m and rad, initial error of the flight that shows an instability
+_MAX_GAP = 0.1  # a larger relative gap between the stable and the failing scale is remarked
+_INITIAL_ERROR = 0.1  # m and rad, initial error of the flight that shows an instability
 # Duration of the flight that shows an instability, in time constants of its growth, and limits of the duration, s.
 _NUM_GROWTH_TIMES = 5.0
 _MIN_FLIGHT_SECONDS = 20.0
@@ -101,10 +101,10 @@ def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Sce
         flights.append(
             (
                 "unstable.yaml",
-                hovering_at(median, loop.values, duration=_flight_seconds(time_constant), offset=_OFFSET),
+                hovering_at(median, loop.values, duration=_flight_seconds(time_constant), offset=_INITIAL_ERROR),
                 [
                     f"to see the instability, fly in hover with the parameters at scale {loop.scale:.3g}:",
-                    f"the vehicle starts {100.0 * _OFFSET:.0f} cm beside its reference along each axis,",
+                    f"the vehicle starts {100.0 * _INITIAL_ERROR:.0f} cm beside its reference along each axis,",
                     f"and an oscillation grows by a factor of e in {time_constant:.1f} s, until commands saturate or it"
                     " crashes",
                 ],
@@ -154,7 +154,7 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
 
 
 def hovering_at(median: Scenario, values: dict[str, float], *, duration: float, offset: float = 0.0) -> Scenario:
-    """Return a scenario that hovers in still air, the flight for which `certify` computes its bounds.
+    """Return a scenario that hovers in still air, the flight for which `certify` computes its scales.
 
     Args:
         median: scenario without distributions.
@@ -175,7 +175,7 @@ def _flight_seconds(growth_time: float) -> float:
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
-    """Print the bounds of the scale, the failing parameters, and the distributions that do not act on hover."""
+    """Print the stable and the failing scales, the failing parameters, and distributions without effect on hover."""
     print_scales(scenario.name, found)
     failures = {"unstable": found.unstable, "no equilibrium": found.lost}
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
@@ -192,15 +192,19 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         )
     if found.gap > _MAX_GAP:
         remark(
-            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is not proved to be"
-            " stable, and no instability was found"
+            f"the stable and the failing scale are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is not"
+            " proved to be stable, and no instability was found"
         )
     if found.left_out:
         remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")
 
 
 def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Path]:
-    """Write the scales, and for each parameter its certified range and its values where hover fails."""
+    """Write a table of the stable and the failing scales, and a table of the parameters.
+
+    The second table contains the certified range of each parameter, and the values of all parameters at the scales at
+    which hover fails.
+    """
     scales = {
         "stable_up_to_scale": found.stable_scale,
         "unstable_at_scale": found.unstable.scale,

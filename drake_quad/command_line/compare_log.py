@@ -1,7 +1,7 @@
 """Simulate the reference of a flight log with the vehicle and controller of a scenario, and compare the errors.
 
-If the scenario has no controller, the vehicle predicts the flight in open loop, from the logged commands, over horizons
-of 0.1 to 2 s.
+If the scenario has no controller, the command predicts the logged flight in open loop: it simulates the vehicle with
+the logged commands, over horizons of 0.1 to 2 s.
 """
 
 import argparse
@@ -114,8 +114,8 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
     if nominal and record.rotor_speed_command is None and record.motor_command is None:
         remark(
             f"the logged thrust and torque are converted to rotor commands with `nominal` of {vehicle.name}, which has"
-            f" identified values ({join_names(nominal)}); the prediction is wrong unless the firmware assumed these"
-            " values in the flight; if it did not, use a file that identify wrote without --nominal"
+            f" identified values ({join_names(nominal)}); the prediction is correct only if the firmware assumed these"
+            " values in the flight; otherwise, use a file that drake-quad identify wrote without --nominal"
         )
     print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
     print_predictions(predict(record, {vehicle.name: median_scenario(vehicle)}))

@@ -18,7 +18,7 @@ _RECORD_NAME = ".input"
 
 
 class Origin(NamedTuple):
-    """Input of a command.
+    """Input of a command, for which the command writes its default output.
 
     Attributes:
         source: absolute path of the file, followed by the name of the scenario if the file contains scenarios.
@@ -30,7 +30,7 @@ class Origin(NamedTuple):
 
     @classmethod
     def of_scenario(cls, spec: str, scenario: Mission) -> "Origin":
-        """Return the origin of a scenario.
+        """Return the origin of an output whose input is a scenario.
 
         If a command wrote the scenario to its default folder, the origin is the input of that command.
 
@@ -46,14 +46,14 @@ class Origin(NamedTuple):
 
     @classmethod
     def of_file(cls, path: Path) -> "Origin":
-        """Return the origin of a file such as a flight log."""
+        """Return the origin of an output whose input is a file without scenarios, such as a flight log."""
         return cls(str(path.resolve()))
 
     def differs(self, other: "Origin") -> bool:
-        """Return False if two inputs have the same source, or are scenarios with the same nominal vehicle.
+        """Return True unless two inputs have the same source or are scenarios with the same nominal vehicle.
 
-        Therefore, a file remains the same input after its vehicle is edited, and a scenario remains the same input if
-        it is moved to another file.
+        Two inputs thus count as equal if only the vehicle in a file is edited, or if a scenario only moves to another
+        file.
         """
         return self.source != other.source and (self.content != other.content or not self.content)
 

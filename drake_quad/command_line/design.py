@@ -1,8 +1,8 @@
 """Design the gains of a scenario's cascade for its laboratory, and print the stability margins of each loop.
 
 If an autopilot controls the attitude on board, only the position gains are designed, around the attitude loop of the
-autopilot. The option --firmware designs nothing. It writes the controller of a flight-controller firmware, with the
-gains from the firmware's parameters.
+autopilot. With the option --firmware, the command does not design gains. It writes the controller of a
+flight-controller firmware, with the gains from the firmware's parameters.
 """
 
 import argparse
@@ -66,7 +66,8 @@ _MAX_MODE_FREQUENCY = 60.0
 _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # Fraction of the phase margin that the integral gains of a PID use by default.
 _DEFAULT_INTEGRAL_FRACTION = 0.15
-_MIN_REMARKED_OFFSET = 0.01  # m; the errors of the shipped flights are 1 to 10 cm
+# Hover offset above which a remark is printed, m. The errors of the shipped flights are 1 to 10 cm.
+_MAX_UNREMARKED_HOVER_OFFSET = 0.01
 # Smallest and largest values of options: margins in degrees, dB and ticks, and a fraction of the phase margin.
 _RANGES = {
     "phase-margin": (0.0, 180.0),
@@ -175,7 +176,7 @@ def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
     terms = (autopilot.attitude_terms, autopilot.rate_terms) if design.on_board else ()
     integrates = designed.cascade.position.has_integral or any(each is not None and each.k_i for each in terms)
     offset = hover_offset(median_scenario(designed)) if design.on_board and not integrates else 0.0
-    if offset > _MIN_REMARKED_OFFSET:
+    if offset > _MAX_UNREMARKED_HOVER_OFFSET:
         remarks.append(
             f"the vehicle will hover {100.0 * offset:.0f} cm beside its reference, because its centre of mass is not in"
             " the middle and neither the loops on board nor the position loops have an integral; --integral adds"
@@ -185,13 +186,13 @@ def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
 
 
 def refuse_design_options(arguments: argparse.Namespace) -> None:
-    """Raise InputError if the arguments contain a design option, since `--firmware` designs nothing."""
+    """Raise InputError if the arguments contain a design option, since `--firmware` designs no gains."""
     parser = argparse.ArgumentParser(add_help=False)
     add_design_options(parser)
     for name, default in vars(parser.parse_args([])).items():
         if getattr(arguments, name) != default:
             raise InputError(
-                f"--{name.replace('_', '-')} cannot be combined with --firmware, which designs nothing; leave one out"
+                f"--{name.replace('_', '-')} cannot be combined with --firmware, which designs no gains; leave one out"
             )
 
 
@@ -219,12 +220,12 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         "--delay-margin",
         type=float,
         metavar="TICKS",
-        help="smallest delay margin of attitude loops on the ground, in ticks (default: 2)",
+        help="smallest permitted delay margin of attitude loops through the ground station, in ticks (default: 2)",
     )
     options.add_argument(
         "--on-board",
         action="store_true",
-        help="design the gains k_rate and k_attitude of an autopilot of kind attitude first",
+        help="before the position gains, design the gains k_rate and k_attitude of an autopilot of kind `attitude`",
     )
     options.add_argument(
         "--integral",
@@ -240,8 +241,8 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         default=[],
         help="change a requirement on a loop, as in position.damping=0.7. Loops are attitude, yaw, height and position."
         " Fields are bandwidth (rad/s, default: the largest bandwidth with the required margins) and damping (default:"
-        " 0.8) of the pole pair; with --method lqr, the field is rate_time (s), the weight of the rate in the cost"
-        " relative to the weight of the value",
+        " 0.8) of the pole pair. With --method lqr, the only field is rate_time (s): the cost contains value² +"
+        " (rate_time · rate)²",
     )
     options.add_argument(
         "--certify",

@@ -30,7 +30,7 @@ from drake_quad.studies.falsification import MIN_FLIGHTS, WorstCase, find_worst_
 from drake_quad.visualization.falsification_plots import plot_search, plot_worst_flight
 from drake_quad.visualization.style import save_figures
 
-_NUM_PRINTED = 12  # number of random parameters that are printed
+_NUM_TABLE_ROWS = 12  # rows of the printed table, each with one random parameter
 
 
 def options() -> argparse.ArgumentParser:
@@ -110,7 +110,7 @@ def main(arguments: argparse.Namespace) -> None:
 def print_parameters(found: WorstCase) -> None:
     """Print the random parameters that differ most from their medians, in standard deviations."""
     rows = []
-    for i in np.argsort(-np.abs(found.point))[:_NUM_PRINTED]:
+    for i in np.argsort(-np.abs(found.point))[:_NUM_TABLE_ROWS]:
         name = found.names[i]
         values, unit = ("–", "–"), ""
         if name in found.values:

@@ -34,7 +34,7 @@ from drake_quad.scenario.batch import draw_sample
 
 def options() -> argparse.ArgumentParser:
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
-    result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
+    result.add_argument("--sample", type=int, help="number of the sample to fly; 0 is the first sample of a study")
     add_controller(result)
     result.add_argument(
         "--on",

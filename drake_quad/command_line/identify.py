@@ -35,9 +35,10 @@ from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 
-# Vehicles that an error message suggests for a log that does not name its vehicle, each with the commands it takes.
-_AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
-_ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
+# Initial vehicles that an error message suggests for a log that does not name its vehicle. The second text completes
+# the sentence "such as VEHICLE, ...".
+_EXAMPLE_WITH_AUTOPILOT = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
+_EXAMPLE_WITH_ROTOR_COMMANDS = "vehicles/hummingbird", "which takes rotor commands"
 _MAX_WIND = 100.0  # m/s, the largest wind speed that a scenario may contain
 _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
 
@@ -172,7 +173,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
 
 
 def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return the initial vehicle as FILE or FILE:NAME: as the logs name it, or the scenario beside a saved flight.
+    """Return FILE or FILE:NAME of the initial vehicle, which the logs name, or of the scenario beside a saved flight.
 
     Raises:
         InputError: if the logs name different vehicles, or no vehicle.
@@ -189,7 +190,7 @@ def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
         return str(saved_scenario)
     signals = {name for record in records for name in record.names}
     onboard = {"attitude", "attitude_command"} <= signals and not signals & {"motor_command", "rotor_speed_command"}
-    example, commands = _AUTOPILOT_EXAMPLE if onboard else _ROTORS_EXAMPLE
+    example, commands = _EXAMPLE_WITH_AUTOPILOT if onboard else _EXAMPLE_WITH_ROTOR_COMMANDS
     raise InputError(
         f"the log {short_repr(records[0].name)} does not name its vehicle; give an initial vehicle by --vehicle,"
         f" such as {example}, {commands}, and its measured mass by --mass"
@@ -313,7 +314,7 @@ def coverage_text(identification: Identification, name: str) -> str:
 
 
 def print_flights(identification: Identification) -> None:
-    """Print the deviations of each flight: its thrust relative to the mean, and its additional mean forces."""
+    """Print how flights differ: the thrust of each flight relative to the mean, its trim force and its wind force."""
     rows = []
     for flight in identification.flights:
         thrust = (
@@ -322,7 +323,9 @@ def print_flights(identification: Identification) -> None:
         forces = (flight.forces.get(f"{kind}_force.{axis}") for kind in ("trim", "wind") for axis in "xy")
         rows.append((flight.name, thrust, *("–" if f is None else plus_minus(f.value, f.half_width) for f in forces)))
     if any(set(row[1:]) != {"–"} for row in rows):
-        print("deviations of each flight: thrust relative to the mean over all flights, and additional mean forces")
+        print(
+            "differences between flights: thrust relative to the mean over all flights, mean trim force and wind force"
+        )
         print_columns(("flight", "thrust, %", "trim x, N", "trim y, N", "wind x, N", "wind y, N"), rows)
 
 

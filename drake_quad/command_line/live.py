@@ -23,7 +23,7 @@ def options() -> argparse.ArgumentParser:
         help="FILE or FILE:NAME, or the name of a shipped scenario (default: %(default)s)",
     )
     add_overrides(result)
-    result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
+    result.add_argument("--sample", type=int, help="number of the sample to fly; 0 is the first sample of a study")
     add_controller(result)
     result.add_argument(
         "--rate",
@@ -44,8 +44,8 @@ def main(arguments: argparse.Namespace) -> None:
     from drake_quad.visualization.live import LiveFlight
 
     print_flight_remarks([scenario])
-    # `print_flight_remarks` does not report a vehicle that ignores wind if the scenario has no wind, but the sliders
-    # add wind.
+    # `print_flight_remarks` reports a vehicle that ignores wind only if the scenario has wind. The sliders can add wind
+    # to any scenario.
     if not scenario.laboratory.wind and (flaw := scenario.vehicle.explain_missing_wind_effect()):
         remark(f"the sliders for wind and the gust have no effect, since {flaw}")
     sample = scenario.sample if arguments.sample is None else arguments.sample

@@ -40,9 +40,8 @@ from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.names import short_name
 from drake_quad.visualization.style import save_figures
 
-# Ends of the default ranges of the gains, relative to the gains of the scenario.
-_MIN_GAIN_RATIO = 0.05
-_MAX_GAIN_RATIO = 3.0
+_MIN_GAIN_RATIO = 0.05  # smallest gain of a map, relative to the gain of the scenario
+_MAX_GAIN_RATIO = 3.0  # largest gain of a map, relative to the gain of the scenario
 # Factor on the time constant of the rotors in the default worst case.
 _WORST_LAG_FACTOR = 1.4
 # Additional delay of the command link in the default worst case, ticks.
@@ -150,7 +149,7 @@ def write_field_maps(path: Path, maps: Mapping[str, FieldMap], columns: Sequence
 def map_gains(arguments: argparse.Namespace) -> None:
     """Map the gains of a loop of the scenario."""
     if len(arguments.controller) > 1:
-        raise InputError("several controllers need --vary; a map of gains has one controller")
+        raise InputError("a map of gains has one controller; give --controller once, or map other fields by --vary")
     arguments.controller = arguments.controller[0] if arguments.controller else None
     arguments.loop = arguments.loop or "position"
     size = arguments.size

@@ -63,8 +63,8 @@ def parser(
         "--output",
         type=Path,
         metavar="FOLDER",
-        help=f"output folder (default: {output}/NAME with the name of the scenario, unless it was written for another"
-        " vehicle)",
+        help=f"output folder (default: {output}/NAME with the name of the scenario; required if this folder contains"
+        " results for another vehicle)",
     )
     return result
 

@@ -85,7 +85,7 @@ def print_scales(name: str, found: "Certificate") -> None:
             print(f"  {f'{kind} at scale':24s} {failure.scale:.3g}")
         elif kind == "unstable":
             print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
-    print(f"  gap between the bounds   {100.0 * found.gap:.1f} %, with {found.num_cells} models")
+    print(f"  gap between the scales   {100.0 * found.gap:.1f} % (with {found.num_cells} linear fractional models)")
 
 
 def remark(sentence: str) -> None:

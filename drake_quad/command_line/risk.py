@@ -25,7 +25,7 @@ from drake_quad.studies.risk import DEFAULT_PERIOD, Event, Risk, estimate_risk
 from drake_quad.visualization.risk_plots import plot_coordinates, plot_exceedance
 from drake_quad.visualization.style import save_figures
 
-_NUM_PRINTED = 8  # number of random numbers whose distribution is printed
+_NUM_TABLE_ROWS = 8  # rows of the printed table, each with one random number
 _MAX_SCIENTIFIC = 0.01  # largest probability that is printed with an exponent instead of as a percentage
 
 
@@ -138,7 +138,7 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
         print(f"plain sampling needs about {plain:.1e} flights for this interval")
     rows = [
         (each.name, each.mean.text(signed=True), f"{each.deviation:.2f}", "")
-        for each in risk.coordinates[:_NUM_PRINTED]
+        for each in risk.coordinates[:_NUM_TABLE_ROWS]
     ]
     if rows:
         print(f"random numbers of the samples with {risk.event}; over all samples, each has mean 0 and deviation 1")

@@ -27,15 +27,16 @@ from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
-# Default fields that exist for every vehicle and are uncertain for a real vehicle.
+# Fields by which metrics are differentiated by default. Every vehicle has these fields, and their values are uncertain
+# for a real vehicle.
 _COMMON_FIELDS = (
     *("vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"),
     "vehicle.rotor_time_constant",
 )
-# Prefixes of the paths of drag fields, which are default fields if they are not 0.
+# Prefixes of the paths of drag fields. A drag field is a default field if its value is not 0.
 _DRAG_FIELDS = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
-# Gains of loops on the ground that are default fields.
-_GAINS = ("k_p", "k_d")
+# Names of the gains of controllers on the ground station. These gains are default fields.
+_GAIN_NAMES = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
@@ -52,13 +53,13 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
         *(
             path
             for part in ("position", "velocity")
-            for gain in _GAINS
+            for gain in _GAIN_NAMES
             for path, value in leaves(scenario)
             # A gain is one number in some controllers, and one number per axis in others.
             if re.fullmatch(rf"control\.{part}\.{gain}(\.\d)?", path) and value
         ),
     ]
-    loop_gains = [f"control.attitude.{gain}" for gain in _GAINS]
+    loop_gains = [f"control.attitude.{gain}" for gain in _GAIN_NAMES]
     if autopilot.controls_attitude:
         names = type(autopilot).model_fields
         loop_gains = [f"laboratory.autopilot.{name}" for name in names if isinstance(getattr(autopilot, name), tuple)]
@@ -76,7 +77,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
 
 def options() -> argparse.ArgumentParser:
     result = parser(__doc__, "drake-quad sensitivities laboratory:low_wind --metric rmse_y", output="out/sensitivities")
-    result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
+    result.add_argument("--sample", type=int, help="number of the sample to fly; 0 is the first sample of a study")
     result.add_argument(
         "--field",
         action="append",
@@ -113,7 +114,7 @@ def print_sensitivities(sensitivities: Sensitivities, metric: str) -> None:
         print(f"crashed at {sensitivities.crash_time:.2f} s; metrics and derivatives refer to the flight until then")
     print(f"{metric} {sensitivities.metrics[metric]:.6g} (SI units)")
     if not abs(sensitivities.metrics[metric]) > 0.0 or np.isnan(sensitivities.gradients[metric]).all():
-        print(f"{metric} is zero, where it has no derivative")
+        print(f"{metric} has no derivative, because it is zero in this flight")
         return
     effects = sensitivities.values * sensitivities.gradients[metric] / (sensitivities.metrics[metric] or math.nan)
     rows = [

@@ -22,7 +22,7 @@ from drake_quad.studies.sobol_indices import CRASHED, SobolIndex, sobol_indices
 from drake_quad.visualization.sensitivity_plots import plot_sobol_indices
 from drake_quad.visualization.style import save_figures
 
-_NUM_PRINTED = 12  # number of parameters that are printed
+_NUM_TABLE_ROWS = 12  # rows of the printed table, each with one parameter
 
 
 def options() -> argparse.ArgumentParser:
@@ -58,7 +58,7 @@ def main(arguments: argparse.Namespace) -> None:
         )
     seconds = time.perf_counter() - began
     print(f"{scenario.name}: fractions of the variance of {arguments.metric}, with 95 % intervals, in {seconds:.0f} s")
-    rows = [(each.name, each.first_order.text(), each.total.text(), "") for each in indices[:_NUM_PRINTED]]
+    rows = [(each.name, each.first_order.text(), each.total.text(), "") for each in indices[:_NUM_TABLE_ROWS]]
     print_columns(("random parameter", "first order", "total", ""), rows)
     files = [write_indices(folder / "sobol.csv", indices)]
     figures = {"sobol": plot_sobol_indices(indices, arguments.metric)}

@@ -1,8 +1,8 @@
 """Prediction of the position error in hover, by simulation with wind and noise.
 
-The hovers are simulated in the laboratory of the scenario, including lost frames and packets. A linear model
+Flights in hover are simulated in the laboratory of the scenario, including lost frames and packets. A linear model
 (`drake_quad.linear.hover_covariance`) omits these losses and nonlinear effects, in which one noise multiplies another.
-Together they cause most of the error in weak wind. Hovers are simulated until the confidence interval of the RMS error
+Together they cause most of the error in weak wind. Flights are simulated until the confidence interval of the RMS error
 is narrow enough. This takes about a second for most controllers.
 """
 
@@ -24,23 +24,23 @@ from drake_quad.statistics.estimates import mean_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
 
 SETTLING_TIME = 20.0
-"""Time from the start of a hover after which errors count, s.
+"""Time from the start of a flight in hover after which errors count, s.
 
 It is several time constants of the slowest integrator of the shipped controllers.
 """
 
 HOVER_TIME = 40.0
-"""Duration of a hover, s."""
+"""Duration of a flight in hover, s."""
 
-_FLEET_SIZE = 64  # number of hovers that are simulated at once
-_MAX_HOVERS = 1024  # limit on the number of hovers, reached if the intervals remain wide
-# Hovers are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
+_FLEET_SIZE = 64  # number of flights that are simulated at once
+_MAX_NUM_FLIGHTS = 1024  # limit on the number of flights, reached if the intervals remain wide
+# Flights are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
 # RMS error, and an absolute one for axes whose only errors are rounding errors.
 _RELATIVE_PRECISION = 0.05
 _ABSOLUTE_PRECISION = 1e-7  # m
 # The seed is fixed, so that a plan does not depend on the seed of a study.
 _SEED = 20_261_107
-# Number of points along the route at which hovers are simulated if the wind depends on the position.
+# Number of points along the route at which flights in hover are simulated if the wind depends on the position.
 _NUM_ROUTE_POINTS = 9
 
 
@@ -52,7 +52,7 @@ class HoverError(NamedTuple):
         y: RMS error along Y.
         z: RMS error along Z.
         rms: RMS distance from the reference.
-        num_hovers: number of simulated hovers.
+        num_hovers: number of simulated flights.
     """
 
     x: Interval
@@ -63,18 +63,18 @@ class HoverError(NamedTuple):
 
 
 def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
-    """Simulate hovers of the true vehicle and return their RMS error between `SETTLING_TIME` and `HOVER_TIME`.
+    """Simulate the true vehicle in hover and return its RMS error between `SETTLING_TIME` and `HOVER_TIME`.
 
-    The vehicle hovers at the position of the scenario's route if this is a hover, else at (0, 0, 1). Winds that change
-    with time, the battery and rotor failures are omitted. A controller that adapts may have another error after
-    `HOVER_TIME`.
+    The vehicle hovers at the position of the scenario's route if the route is of kind `hover`, else at (0, 0, 1). Winds
+    that change with time, the battery and rotor failures are omitted. A controller that adapts may have another error
+    after `HOVER_TIME`.
 
     Args:
         scenario: scenario without distributions.
         seed: seed of wind and noise.
 
     Raises:
-        InputError: if the scenario contains a distribution, or a hover crashes.
+        InputError: if the scenario contains a distribution, or a flight crashes.
     """
     hovering = _hover_scenario(scenario, seed)
     fleet = StudyFleet(hovering, plan_route_in_space(hovering, None).plan, _FLEET_SIZE)
@@ -86,7 +86,7 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
         errors = metrics.rmse_x, metrics.rmse_y, metrics.rmse_z, metrics.rmse
         squares = np.concatenate([squares, np.square(errors)], axis=1)
         intervals = [_root_of_mean(each) for each in squares]
-        if all(map(_is_precise, intervals)) or squares.shape[1] >= _MAX_HOVERS:
+        if all(map(_is_precise, intervals)) or squares.shape[1] >= _MAX_NUM_FLIGHTS:
             x, y, z, rms = intervals
             return HoverError(x, y, z, rms, squares.shape[1])
 
@@ -95,8 +95,8 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
     """Return the `hover_error` of the nominal vehicle in the wind of a scenario.
 
     A planner can use this error, since it does not depend on the unknown true vehicle. If a wind depends on the
-    position, the result is the largest error among hovers along the route. For this purpose the route is planned
-    without obstacles.
+    position, the result is the largest error among flights in hover at points along the route. For this purpose the
+    route is planned without obstacles.
 
     Raises:
         InputError: if `hover_error` raises it, or if a wind depends on time.
@@ -118,7 +118,7 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
 
 
 def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario with a hover as its route and with metrics that begin at `SETTLING_TIME`."""
+    """Return the scenario with a route of kind `hover` and with metrics that begin at `SETTLING_TIME`."""
     hovering = in_hover(scenario)
     # Fleets need a time step. The shortest period of the scenario is compatible with all other periods, and RK4 is
     # accurate enough with it.
@@ -131,13 +131,13 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
     crashed = metrics.crashed
     if crashed.any():
         raise InputError(
-            f"cannot predict the RMS error in hover: {crashed.sum()} of {len(crashed)} hovers of {scenario.name} crash,"
-            f" the first after {metrics.crash_time.min():.1f} s"
+            f"cannot predict the RMS error in hover: {crashed.sum()} of {len(crashed)} flights of {scenario.name}"
+            f" crash, the first after {metrics.crash_time.min():.1f} s"
         )
 
 
 def _root_of_mean(squares: np.ndarray) -> Interval:
-    """Return the RMS error and its confidence interval, given the mean squared errors (n,) of independent hovers."""
+    """Return the RMS error and its confidence interval, given the mean squared errors (n,) of independent flights."""
     return Interval(*(math.sqrt(end) for end in without_negative_part(mean_interval(squares))))
 
 

@@ -44,7 +44,7 @@ def link_step(
     Args:
         command: command at this tick, a record.
         out: output of the link before this tick.
-        in_transit: packets in transit, the latest one first.
+        in_transit: packets in transit, latest packet first.
         random: random number that decides whether the packet is lost; None if no packet can be lost.
         parameters: parameters of the link.
     """

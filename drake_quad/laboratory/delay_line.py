@@ -52,7 +52,7 @@ def delay_line_step(sample: Any, in_transit: tuple[Any, ...], delay: Row) -> tup
 
     Args:
         sample: sample of this tick, a record.
-        in_transit: samples in transit, the latest one first.
+        in_transit: samples in transit, latest sample first.
         delay: delay, a whole number of ticks.
     """
     out = sample

@@ -27,7 +27,7 @@ class RowSelector(NamedTuple):
     name: str
 
     def __call__(self, record: Any) -> Row:
-        """Return the component."""
+        """Return the component `name` of the signal `record`."""
         row: Row = getattr(record, self.name)
         return row
 

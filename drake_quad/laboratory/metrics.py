@@ -107,7 +107,7 @@ def add_tick(
 
     Args:
         sums: sums before the tick.
-        accumulators: accumulators of the records in the sums.
+        accumulators: accumulator of each record in `sums`, in the same order.
         values: records of the signals, time and period, by name.
         flies: True if the vehicle has not crashed.
         counts: True if the tick is in the metric window.
@@ -221,7 +221,7 @@ class CommandSums(NamedTuple):
 
 
 def add_command(sums: CommandSums, acceleration_command: Acceleration, ticks: Row) -> CommandSums:
-    """Add the command of a tick. The first tick has no change."""
+    """Add the command of a tick. The change of the command is zero at the first tick."""
     started = minimum(ticks, 1.0)
     changes = [started * abs(u - last) for u, last in zip(acceleration_command, sums.last, strict=True)]
     return CommandSums(
@@ -346,7 +346,7 @@ class Metrics(NamedTuple):
 
     @property
     def definitions(self) -> "Mapping[str, Metric]":
-        """Definition of each metric by name, without the crash time."""
+        """Definition of each metric by name. The crash time, which is no metric, is not included."""
         return metric_definitions(type(self))
 
     def take(self, indices: Any) -> "Metrics":
@@ -361,7 +361,7 @@ class Metrics(NamedTuple):
 _ANNOTATIONS = get_type_hints(Metrics, include_extras=True)
 _DEFINITIONS = {name: definition for name, hint in _ANNOTATIONS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
-"""Definition of each metric that every flight has, without the crash time."""
+"""Definition of each metric that every flight has, by name. The crash time, which is no metric, is not included."""
 
 
 @functools.cache
@@ -379,12 +379,12 @@ def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metric
 
 
 def metric_definitions(kind: type[Metrics]) -> Mapping[str, Metric]:
-    """Return the metric definitions of a class from `metrics_type`, by name, without the crash time."""
+    """Return the definitions of all metrics of a class from `metrics_type`, by name. The crash time is not included."""
     return {**METRICS, **getattr(kind, "_additional", {})}
 
 
 def metric_accumulators(kind: type[Metrics]) -> tuple[Accumulator, ...]:
-    """Return the accumulators of a metrics class from `metrics_type`, without duplicates."""
+    """Return the accumulators of all metrics of a class from `metrics_type`. Shared accumulators are included once."""
     accumulators = (metric.accumulator for metric in metric_definitions(kind).values())
     return tuple(dict.fromkeys(each for each in accumulators if each is not None))
 
@@ -416,7 +416,7 @@ def check_range(name: str, metric: Metric, values: Any) -> None:
 def compute_metrics(
     sums: Sums, crash_time: np.ndarray, period: float, kind: type[Metrics] = Metrics, connected: Any = None
 ) -> Metrics:
-    """Return the metrics of each vehicle. Metrics of a recorded flight are NaN.
+    """Return the metrics of each vehicle. Metrics that are computed from a recorded flight are NaN.
 
     Args:
         sums: sums over the ticks of each vehicle, with (N,) arrays as values.

@@ -180,7 +180,7 @@ def next_frame(
     Args:
         state: true state of the vehicle.
         out: frame that the output contained before the update.
-        in_transit: earlier frames that are not yet available, the latest one first.
+        in_transit: earlier frames that are not yet available, latest frame first.
         before: pose two frames before this one; None without a filter.
         drift: velocity drift in the previous frame; None if there is no drift.
         noise: standard normal samples; None if there is no noise.

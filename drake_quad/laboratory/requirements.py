@@ -153,17 +153,17 @@ def robustness(sums: RobustnessSums, ticks: Any, _: float) -> Any:
 
 
 def always(condition: Condition, start: float, end: float) -> Accumulator:
-    """Return the accumulator of the robustness of `always`."""
+    """Return the accumulator for the robustness of an `always` requirement."""
     return _accumulator(math.inf, add_always, start, end, condition=condition)
 
 
 def eventually(condition: Condition, start: float, end: float) -> Accumulator:
-    """Return the accumulator of the robustness of `eventually`."""
+    """Return the accumulator for the robustness of an `eventually` requirement."""
     return _accumulator(-math.inf, add_eventually, start, end, condition=condition)
 
 
 def holds_until(condition: Condition, until: Condition, start: float, end: float) -> Accumulator:
-    """Return the accumulator of the robustness of `until`: a condition must hold until another one holds."""
+    """Return the accumulator for an `until` requirement: a condition must hold until another condition holds."""
     return _accumulator(-math.inf, add_until, start, end, condition=condition, until=until)
 
 

@@ -24,7 +24,14 @@ class LowPass(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """State of a low-pass filter: the internal signal between its poles and its zeros, one and two periods ago."""
+    """State of a low-pass filter, in direct form II.
+
+    The state consists of past samples of w = u / (1 + a₁ z⁻¹ + a₂ z⁻²), where u is the input of the filter.
+
+    Attributes:
+        last: w one period ago.
+        second_last: w two periods ago.
+    """
 
     last: Row
     second_last: Row

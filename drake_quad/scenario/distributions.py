@@ -255,7 +255,10 @@ class LogUniform(Distribution):
 
 @_named
 class Normal(Distribution):
-    """Normal distribution, optionally correlated with other normal distributions. A bounded quantity needs limits."""
+    """Normal distribution, optionally correlated with other normal distributions.
+
+    A field that permits only a range of values requires the limits `min` and `max` within this range.
+    """
 
     normal: NormalParameters
     dimensionless: ClassVar = ("shared",)

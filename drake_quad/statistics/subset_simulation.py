@@ -41,9 +41,9 @@ _MAX_FRACTION = 0.5  # largest fraction of the samples that may satisfy the cond
 _MIN_SEEDS = 10  # smallest number of different samples from which chains start
 
 Performance = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function from (n, d) points of standard normal space and (n, b) integers to the performances (n,).
+"""Function that returns the performance (n,) of samples, given (n, d) standard normal points and (n, b) integers.
 
-The event occurs if the performance is 0 or more.
+The performance is a number that tells how close a sample is to the event. The event occurs if it is 0 or more.
 """
 
 
@@ -58,9 +58,9 @@ class SubsetRun(NamedTuple):
             because too few samples are closer to the event; otherwise 0.
         points: (m, d) points of the last samples at which the event occurs.
         noise: (m, b) integers that determine the noise of these samples.
-        performance: (m,) performances of these samples.
+        performance: (m,) values of the performance at these samples.
         num_evaluations: number of evaluations of the performance.
-        history: (steps, size) performances of the samples of each step, in descending order.
+        history: (steps, size) values of the performance at the samples of each step, in descending order.
     """
 
     probability: float
@@ -83,7 +83,7 @@ class SubsetRun(NamedTuple):
 
 
 SubsetSteps = Generator[tuple[np.ndarray, np.ndarray], np.ndarray, SubsetRun]
-"""Generator that yields points and integers, is sent their performances, and returns the finished run."""
+"""Generator that yields points and integers, is sent their values of the performance, and returns the finished run."""
 
 
 def subset_simulation(
@@ -106,7 +106,7 @@ def run_together(performance: Performance, runs: Sequence[SubsetSteps]) -> list[
     """Run several subset simulations simultaneously, and evaluate the samples of all runs together.
 
     Args:
-        performance: function that returns the performances of samples.
+        performance: function that returns the performance of each sample.
         runs: independent runs, see `subset_steps`.
 
     Returns:
@@ -130,7 +130,7 @@ def run_together(performance: Performance, runs: Sequence[SubsetSteps]) -> list[
 def subset_steps(
     num_coordinates: int, num_noise: int, generator: np.random.Generator, *, size: int = 1000, fraction: float = 0.1
 ) -> SubsetSteps:
-    """Run subset simulation as a generator that yields samples and is sent their performances.
+    """Run subset simulation as a generator that yields samples and is sent their values of the performance.
 
     A proposal changes all coordinates a little, and draws some of the integers again. Both moves preserve the
     distribution of the samples. If most samples of a step have the same performance, only the samples that are closer

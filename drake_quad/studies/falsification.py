@@ -26,8 +26,9 @@ from drake_quad.studies.stored_flights import stored_flights
 from drake_quad.studies.worker_pool import WorkerPool
 
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
-_MAX_VALUE = 0.5e9  # largest magnitude of a metric in the search, which replaces infinity
-_MAX_MEAN = 4e6  # largest magnitude of a finite mean; with one infinite metric, the mean of 100 flights exceeds it
+_MAX_VALUE = 0.5e9  # the search limits metrics, also infinite ones, to this magnitude
+# Largest magnitude of a mean of finite metrics. If one metric of 100 flights is infinite, their mean is about 5e6.
+_MAX_MEAN = 4e6
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
 _INITIAL_STEP = 1.0  # initial step size of CMA-ES, standard deviations
@@ -195,5 +196,5 @@ def find_worst_case(
 
 
 def _metric(badness: float) -> float:
-    """Return the metric of a value of the search, which is infinite if that of an averaged flight is infinite."""
+    """Return the metric that corresponds to a mean value of the search: infinite if one of the averaged metrics is."""
     return badness if abs(badness) < _MAX_MEAN else math.copysign(math.inf, badness)

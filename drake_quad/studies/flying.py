@@ -63,15 +63,16 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
 
 
 def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
-    """Fly points of the unit cube, and return the index and the metrics of each flight, (n, 1 + metrics).
+    """Fly vehicles whose random numbers are given as points of the d-dimensional unit cube, and return their metrics.
 
     Args:
         job: common data of all batches.
-        flights: (n, 1 + d + periods) index of each flight, its point, and the samples whose wind and noise are used in
-            each period; see `Batch.at_points`.
+        flights: (n, 1 + d + k) array with a row for each flight. Column 0 contains the index of the flight, the next d
+            columns the point, and the last k columns the numbers of the samples whose wind and noise are used in the k
+            periods of the flight; see `Batch.at_points`.
 
     Returns:
-        Index and metrics of each flight, in the order of the given flights.
+        (n, 1 + m) array with the index and the m metrics of each flight, in the order of the given flights.
 
     Raises:
         InputError: if the code of this process differs from the code of the process that started the search.
@@ -80,7 +81,7 @@ def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
 
 
 def point_rows(fleet: StudyFleet, flights: np.ndarray) -> np.ndarray:
-    """Fly points of the unit cube in a fleet, and return the result of `fly_points`."""
+    """Return the result of `fly_points` for flights in a given fleet."""
     return np.column_stack([flights[:, 0], *fly_with_metrics(fleet, build_point_batch(fleet.scenario, flights))])
 
 

@@ -38,7 +38,7 @@ from drake_quad.studies.study_folder import StudyRows, open_study, report_saved_
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches, size_of_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
-_RECORDED_BATCH_SIZE = 64  # a few megabytes per vehicle are recorded for half a minute of flight
+_RECORDED_BATCH_SIZE = 64  # smaller, since recording 30 s of flight takes a few megabytes per vehicle
 _TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
 # Tolerance on the difference between a sample that is flown alone and in a batch. A user's system may sum in a
 # different order, and vehicles that nearly crash amplify the rounding errors, so the tolerance is not zero.

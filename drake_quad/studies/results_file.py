@@ -119,7 +119,7 @@ def open_results(path: Path, row_format: RowFormat) -> Iterator[tuple[ResultsFil
     Raises:
         InputError: if the file belongs to another study, or another run is writing to it.
     """
-    # A buffered file could write the data of a failed write later.
+    # The file is unbuffered. A buffered file would keep the data after a failed write, and could write them later.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
         file.seek(0)

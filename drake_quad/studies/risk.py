@@ -40,7 +40,8 @@ _CRASH = "crash"
 _SIGNS = {">": 1.0, "<": -1.0}
 _EVENT_PATTERN = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
 _STEP_PROBABILITY = 0.1  # fraction of the samples that satisfy the condition of the next step
-_AT_BOUND = -5e-324  # performance of a flight whose metric is equal to the bound, the largest number below zero
+# Performance of a flight whose metric is equal to the bound: the largest floating-point number below zero.
+_PERFORMANCE_AT_BOUND = -5e-324
 DEFAULT_PERIOD = 1.0
 """Default length of the periods whose noise is drawn separately, s."""
 
@@ -86,7 +87,9 @@ class Event(NamedTuple):
         return self.metric if self.metric == _CRASH else f"{self.metric} {'>' if self.sign > 0 else '<'} {self.bound:g}"
 
     def performance(self, metrics: Metrics) -> np.ndarray:
-        """Return the performances (n,) of flights, which are 0 or more if the event occurs.
+        """Return the performance (n,) of each flight, a number that is 0 or more if the event occurs.
+
+        The closer a flight without the event is to the event, the larger is its performance.
 
         Raises:
             InputError: if the metric of a flight is not defined.
@@ -100,11 +103,11 @@ class Event(NamedTuple):
             raise InputError(f"{self.metric} is not defined in every flight, so it cannot define an event")
         distances = np.asarray(self.sign * (values - self.bound))
         # The event does not include its bound, so that a requirement with the robustness 0 is satisfied.
-        return np.where(distances == 0.0, _AT_BOUND, distances)
+        return np.where(distances == 0.0, _PERFORMANCE_AT_BOUND, distances)
 
     def value(self, performance: np.ndarray) -> np.ndarray:
-        """Return the metric values that correspond to performances."""
-        return np.asarray(self.bound + self.sign * np.where(performance == _AT_BOUND, 0.0, performance))
+        """Return the values of the metric, given the values of `performance`."""
+        return np.asarray(self.bound + self.sign * np.where(performance == _PERFORMANCE_AT_BOUND, 0.0, performance))
 
 
 class Coordinate(NamedTuple):
@@ -124,7 +127,7 @@ class Coordinate(NamedTuple):
 
     @property
     def importance(self) -> float:
-        """Kullback-Leibler divergence of the samples from the standard normal distribution, if both are normal."""
+        """Kullback-Leibler divergence of a normal fit of the samples from the standard normal distribution."""
         variance = max(self.deviation, 1e-3) ** 2
         return 0.5 * (self.mean.value**2 + variance - 1.0 - math.log(variance))
 
@@ -137,8 +140,8 @@ class Risk:
         event: event whose probability is estimated.
         probability: estimate with its 95 % interval.
         runs: independent runs of subset simulation.
-        coordinates: all coordinates of the samples at which the event occurs, the most important one first.
-        scenarios: scenarios of the worst samples, the worst one first.
+        coordinates: all coordinates of the samples at which the event occurs, most important coordinate first.
+        scenarios: scenarios of the worst samples, worst sample first.
         num_flights: number of flights of all runs.
         is_precise: True if the interval is as short as requested.
     """
@@ -247,7 +250,7 @@ def estimate_risk(
             if estimate is None and flights.num_flights >= max_flights:
                 raise InputError(
                     f"{max_flights:,} flights are enough for {len(runs)} runs, but an interval needs {MIN_RUNS}: allow"
-                    " more flights, or choose a smaller size"
+                    " more flights, or reduce the number of samples in each step (`size`, or --population)"
                 )
             return flights(scipy.special.ndtr(points), noise)
 
@@ -306,9 +309,9 @@ def _probability(runs: Sequence[SubsetRun]) -> Interval:
 
 
 def _coordinates(names: Sequence[str], runs: Sequence[SubsetRun]) -> tuple[Coordinate, ...]:
-    """Return the coordinates of the samples at which the event occurs, the most important one first.
+    """Return the coordinates of the samples at which the event occurs, starting with the most important coordinate.
 
-    The samples of a run are correlated, so the intervals follow from the means of the runs.
+    The samples of a run are correlated, so the interval of each mean follows from the means of the separate runs.
     """
     means = np.stack([run.points.mean(axis=0) for run in runs])
     deviations = np.concatenate([run.points for run in runs]).std(axis=0)
@@ -317,7 +320,7 @@ def _coordinates(names: Sequence[str], runs: Sequence[SubsetRun]) -> tuple[Coord
 
 
 def _worst_scenarios(evaluator: Evaluator, runs: Sequence[SubsetRun], number: int) -> tuple[Scenario, ...]:
-    """Return the scenarios of the samples with the largest performances, at most one of each run."""
+    """Return the scenarios of the samples with the largest values of `performance`, at most one sample of each run."""
     best = [(run.performance.max(), int(run.performance.argmax()), run) for run in runs]
     best.sort(key=operator.itemgetter(0), reverse=True)
     return tuple(

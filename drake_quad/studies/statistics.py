@@ -125,7 +125,7 @@ class Influence(NamedTuple):
 
     @property
     def strongest(self) -> Interval:
-        """Rank correlation with the number or with its distance from the median: the larger one in absolute value."""
+        """The larger one of `correlation` and `distance` in absolute value."""
         return max(self.correlation, self.distance, key=lambda each: abs(np.nan_to_num(each.value)))
 
     @property
@@ -239,19 +239,21 @@ def most_influential_path(studies: Iterable[Study]) -> str | None:
 
 
 class Comparison(NamedTuple):
-    """Comparison of two controllers on the same samples.
+    """Comparison of a controller with a baseline controller on the same samples.
 
     The pairs are the samples on which neither controller crashed. Difference and ratio compare the same two means over
     the pairs, so the ratio is above 1 if and only if the difference is positive.
 
     Attributes:
         num_pairs: number of pairs.
-        difference: mean of the metric minus the mean of the baseline, in the unit of the metric.
-        ratio: mean of the metric divided by the mean of the baseline, see `ratio_of_means`; NaN for a metric that can
-            be negative.
-        better: fraction of the pairs in which the metric is better than for the baseline.
-        crashed: number of samples on which only this controller crashed.
-        baseline_crashed: number of samples on which only the baseline crashed.
+        difference: mean of the compared metric with the controller minus its mean with the baseline controller, in the
+            unit of the metric.
+        ratio: mean of the compared metric with the controller divided by its mean with the baseline controller, see
+            `ratio_of_means`; NaN for a metric that can be negative.
+        better: fraction of the pairs in which the metric is better with the controller than with the baseline
+            controller.
+        crashed: number of samples on which only the controller crashed.
+        baseline_crashed: number of samples on which only the baseline controller crashed.
         crash_significance: p-value of McNemar's exact test of equal crash probabilities.
     """
 

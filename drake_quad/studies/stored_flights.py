@@ -64,7 +64,7 @@ class StoredFlights:
 
     @property
     def rows(self) -> np.ndarray:
-        """Columns of the flights file for all known flights, (n, 3), sorted by flight."""
+        """Rows (n, 3) of all known flights, with the columns of the flights file, sorted by flight."""
         return np.array([self._rows[flight] for flight in sorted(self._rows)]).reshape(-1, len(_COLUMNS))
 
     @property
@@ -75,14 +75,14 @@ class StoredFlights:
         return f"{len(self._rows):,} flights are in {self._file.path}, and --resume continues from there"
 
     def __call__(self, points: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """Return the values (n,) of flights.
+        """Return the value (n,) of each flight. Flights whose values are stored are not flown again.
 
         Args:
             points: (n, d) points of the unit cube.
             noise: (n,) or (n, num_periods) integers that determine wind and noise.
 
         Raises:
-            InputError: if a stored flight had another point or other wind and noise.
+            InputError: if a stored flight had another point, or other wind and noise.
             RuntimeError: if a point cannot be flown.
         """
         numbers = noise.reshape(len(points), -1)
@@ -95,8 +95,8 @@ class StoredFlights:
         for flight, check in zip(flights.tolist(), checks, strict=True):
             if flight in self._rows and self._rows[flight][2] != check:
                 raise InputError(
-                    f"flight {flight} of the earlier run had another point, so the search cannot be resumed; other"
-                    " versions of the libraries may be the reason; choose another folder"
+                    f"the search cannot be resumed, since flight {flight} of the earlier run had other random numbers;"
+                    " other versions of the libraries may be the reason; choose another folder"
                 )
         missing = np.array([flight not in self._rows for flight in flights.tolist()])
         self._report(len(points) - int(missing.sum()))

@@ -186,7 +186,7 @@ class Study:
 
 
 def sample_replicates(scenario: Scenario, samples: Sequence[int] | np.ndarray) -> Replicates:
-    """Return the replicates to which samples (n,) of a scenario belong, which depend on its draws."""
+    """Return the replicates to which samples (n,) belong, as the scenario's field `draws` determines."""
     draws = scenario.draws
     return INDEPENDENT if draws is None else Replicates(draws.replicates(np.asarray(samples)))
 
@@ -386,8 +386,8 @@ class Record(BaseModel):
             duration: duration of a flight, s.
             user_systems: functions that return the user's systems.
             compiled: True if the diagrams are compiled to machine code.
-            settings: settings that determine the flights of a search.
-            columns: meaning of each column of the results; by default that of the columns of a study.
+            settings: settings that determine the flights, if the record belongs to a search.
+            columns: meaning of each column of the results, by name; by default, for the columns of `study_columns`.
         """
         if columns is None:
             columns = {name: column_description(scenario, name) for name in study_columns(scenario)}

@@ -136,7 +136,7 @@ def test_a_crash_is_reported_but_is_not_a_failure(run, tmp_path):
         (["--set", "control.position.k_p=1"], "control.position.k_p is 1, but must be a list"),
     ],
 )
-def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_invalid_input_is_reported_in_one_sentence_with_status_2(run, tmp_path, arguments, words):
     output = tmp_path / "out"
     result = run("fly", *arguments, "--output", output)
     assert result.returncode == 2
@@ -188,7 +188,7 @@ def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown
         (["--set", "nominal.mass=3"], "the rotors cannot fly this route"),
     ],
 )
-def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_a_route_that_cannot_be_planned_is_reported_in_one_sentence_with_status_2(run, tmp_path, arguments, words):
     output = tmp_path / "out"
     result = run("plan", *arguments, "--output", output)
     assert result.returncode == 2
@@ -330,7 +330,7 @@ def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
-def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_path):
+def test_a_vehicle_without_a_controller_flies_with_gains_that_are_designed_for_it(run, tmp_path):
     vehicle = (
         "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5, drag_factor: 8.5e-7,"
         " arm_length: 0.17, rotor_inertia: 6.5e-5, min_rotor_speed: 60.0, max_rotor_speed: 300.0},"
@@ -413,7 +413,7 @@ def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
         "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert "rmse is zero, where it has no derivative" in result.stdout
+    assert "rmse has no derivative, because it is zero in this flight" in result.stdout
 
 
 @pytest.mark.long
@@ -558,7 +558,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
-def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
+def test_the_printed_fly_command_repeats_the_flight_of_a_worst_sample(run, tmp_path):
     """The metrics of the repeated flight agree with the results of the study to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (fly) (\S+) --sample (\d+)", result.stdout)
@@ -700,7 +700,7 @@ def test_fly_shows_the_flight_live(run, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
-def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
+def test_replay_writes_one_page_for_several_samples_or_several_controllers(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output"]
     result = run("replay", *study, tmp_path / "swarm", "--samples", 3)
     assert (result.returncode, result.stderr) == (0, "")
@@ -747,8 +747,8 @@ def test_installed_simulators_are_compared(run):
         r"^\| drake_quad \S+, compiled, 100 Hz.* \| [\d,.]+ \([\d,.]+\) \| [\d,.]+ \([\d,.]+\) \|$", result.stdout, re.M
     )
     for package in ("crazyflow", "rotorpy"):
-        told = f"{package} is not installed, so it is not measured" in result.stderr
-        assert told != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
+        is_reported = f"{package} is not installed, so it is not measured" in result.stderr
+        assert is_reported != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
 
 
 @pytest.mark.long
@@ -864,7 +864,7 @@ def second_flight(task):
 
 
 @pytest.mark.long
-def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path, monkeypatch):
+def test_check_identification_recovers_a_known_vehicle_and_adds_only_missing_samples(run, tmp_path, monkeypatch):
     path, short = tmp_path / "autopilot.csv", ("--set", "duration=14")
     result = run("check_identification.py", "autopilot", "--samples", "1", *short, "--output", path)
     assert result.returncode == 0
@@ -899,7 +899,7 @@ def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path,
         ),
     ],
 )
-def test_an_impossible_check_of_the_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_check_identification_refuses_invalid_arguments_in_one_sentence_with_status_2(run, tmp_path, arguments, words):
     (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
     head = "# wind seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
     (tmp_path / "before.csv").write_text(head, encoding="utf-8")
@@ -958,7 +958,7 @@ def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
         ),
     ],
 )
-def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
+def test_identify_refuses_invalid_arguments_in_one_sentence_with_status_2(run, tmp_path, arguments, words, monkeypatch):
     output = [] if "--output" in arguments else ["--output", tmp_path / "mine.yaml"]
     result = run("identify", *arguments, *output)
     assert result.returncode == 2

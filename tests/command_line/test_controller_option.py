@@ -62,7 +62,7 @@ def mine(tmp_path, request):
 
 @pytest.fixture
 def own_folder(mine, run, monkeypatch):
-    """Change to the folder of the file with controllers, after `run` has changed to the root folder."""
+    """Change to the folder of the file with controllers, from the root folder to which the fixture `run` changes."""
     monkeypatch.chdir(mine.parent)
 
 
@@ -89,7 +89,7 @@ def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
     assert scenario.control.position.k_p == 0.75
 
 
-def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities(mine) -> None:
+def test_sensitivities_include_the_gains_of_a_controller_in_python_by_default(mine) -> None:
     """Each gain of this controller is one number. Gains of shipped controllers have one number per axis."""
     fields = default_fields(scenario_from_arguments(arguments(controller=f"{mine}:Mine")))
     assert "control.position.k_p" in fields
@@ -188,7 +188,7 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     assert result.returncode == 2
     first, *traceback = [each for each in result.stderr.splitlines() if not each.startswith("remark: ")]
     assert first.startswith(f"error: {words.format(file=file)}")
-    # A study reports only the first line of an error, since its workers raise it.
+    # A study prints no traceback, because its workers pass on only the message of an error.
     assert line in "".join(traceback) or command == ["study"]
     assert "drake_quad" not in "".join(traceback)
 
@@ -233,7 +233,9 @@ def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_
     assert result.returncode == 0, result.stderr
 
 
-def test_a_kind_of_a_registered_controller_is_refused_with_its_file_in_any_scenario(mine, tmp_path) -> None:
+def test_a_handwritten_scenario_with_a_kind_from_python_is_refused_with_the_option_that_imports_it(
+    mine, tmp_path
+) -> None:
     parse_controller(f"{mine}:Mine", "hover")
     (tmp_path / "written.yaml").write_text("written: {extends: hover, control: {position: {kind: own.Mine}}}", "utf-8")
     with pytest.raises(InputError, match=r"fly \S+written.yaml --controller own.py:Mine$"):
@@ -253,12 +255,12 @@ def test_a_misspelt_kind_in_a_saved_scenario_is_refused_with_the_known_kinds(min
             load_scenario("saved.yaml")
 
 
-def test_a_scenario_without_kinds_in_python_is_saved_without_a_comment_on_import_options(tmp_path) -> None:
+def test_a_scenario_whose_kinds_are_all_shipped_is_saved_without_a_comment_on_options(tmp_path) -> None:
     save_scenario(load_scenario("robustness"), tmp_path / "saved.yaml")
     assert (tmp_path / "saved.yaml").read_text(encoding="utf-8").startswith("robustness:\n")
 
 
-def test_controllers_with_equal_names_are_called_by_their_files_or_their_numbers(mine) -> None:
+def test_controllers_with_equal_names_are_distinguished_by_their_files_or_their_parameters(mine) -> None:
     specs = [
         "controllers/paper:pd", "controllers/designed/laboratory:pd", f"{mine}:Mine",
         f"{mine}:Mine control.position.k_p=0.4", f"{mine}:Mine control.position.k_p=[1, 2] vehicle.mass=0.7",
@@ -345,7 +347,7 @@ def test_each_command_that_flies_designs_or_judges_has_the_controller_option(com
     assert "--controller" in module.options().format_help()
 
 
-def test_judged_controllers_need_different_names(mine) -> None:
+def test_judge_refuses_a_controller_that_is_given_twice(mine) -> None:
     from drake_quad.command_line.judge import user_controllers
 
     found = user_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
@@ -366,7 +368,7 @@ def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine,
 
 
 @pytest.mark.long
-def test_the_worst_samples_of_a_study_can_be_flown_as_printed(run, mine, tmp_path) -> None:
+def test_the_fly_command_that_a_study_prints_for_its_worst_sample_works(run, mine, tmp_path) -> None:
     result = run("study", "hover", "--controller", f"{mine}:Mine", "--samples", 2, "--workers", 1,
                  "--set", "duration=0.5", "--set", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}",
                  "--output", tmp_path)  # fmt: skip

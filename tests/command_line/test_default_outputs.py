@@ -1,4 +1,4 @@
-"""Default output paths belong to the input for which they were written."""
+"""Tests that a command does not overwrite default outputs that were written for another input."""
 
 import argparse
 from pathlib import Path
@@ -47,7 +47,7 @@ def test_a_folder_of_another_vehicle_with_the_same_name_is_not_overwritten(reser
     assert reserved("b/mine.yaml", output=Path("there")) == Path("there")
 
 
-def test_a_vehicle_may_be_edited_and_another_file_may_contain_the_same_vehicle(reserved):
+def test_a_folder_is_reused_for_an_edited_vehicle_and_for_the_same_vehicle_in_another_file(reserved):
     reserved("a/mine.yaml", 0.6)
     reserved("a/mine.yaml", 0.7)
     reserved("copies/mine.yaml", 0.7)
@@ -55,7 +55,7 @@ def test_a_vehicle_may_be_edited_and_another_file_may_contain_the_same_vehicle(r
         reserved("a/mine.yaml", 0.8)
 
 
-def test_a_scenario_that_a_command_has_written_belongs_to_the_input_of_that_command(reserved):
+def test_a_scenario_that_a_command_has_written_shares_the_folders_of_the_input_of_that_command(reserved):
     """If a vehicle is edited, designed again and flown from the written scenario, its folders stay the same."""
     for mass in (0.6, 0.7):
         folder = reserved("a/mine.yaml", mass)
@@ -94,7 +94,7 @@ def test_a_vehicle_that_is_identified_from_another_log_of_the_same_name_is_not_o
     assert identified("b/flight.csv", output=Path("mine.yaml")) == Path("mine.yaml")
 
 
-def test_a_comparison_with_a_log_belongs_to_the_log_and_the_scenario(tmp_path):
+def test_a_comparison_with_another_log_of_the_same_name_is_not_overwritten(tmp_path):
     scenario, other = (
         Origin.of_scenario("hover", load_scenario("hover", changes)) for changes in ([], ["nominal.mass=0.7"])
     )

@@ -1,4 +1,7 @@
-"""Commands that design gains, plan routes and read logs, with replaced computations. Interruptions of commands."""
+"""Tests of commands that design gains, plan routes and read logs, and of interruptions of commands.
+
+Stubs replace the computations of the commands.
+"""
 
 import importlib
 import math
@@ -30,7 +33,7 @@ from drake_quad.space.space import Obstacle, Space
 
 @pytest.fixture
 def designed(replaced):  # noqa: F811
-    """Return the recorded calls of a command `design` that finds the same gains for every scenario."""
+    """Let the command `design` use a stub that returns constant gains, and return all recorded calls of stubs."""
 
     def design(scenario, *_, on_board, integral):
         rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}
@@ -137,20 +140,20 @@ def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides,
     designed = load_scenario(
         "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
     )
-    told = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
+    remarks = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
     words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
-    assert [bool(re.search(words, sentence)) for sentence in told] == [True] * is_remarked
+    assert [bool(re.search(words, sentence)) for sentence in remarks] == [True] * is_remarked
 
 
 @pytest.mark.parametrize("scenario", ["onboard", "hover"])
 def test_a_remark_suggests_lqr_if_a_slow_pole_on_board_limits_a_loop(scenario):
     limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
     design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
-    told = design_remarks(design, load_scenario(scenario))
-    assert [sentence.partition(", and not")[0] for sentence in told] == (
+    remarks = design_remarks(design, load_scenario(scenario))
+    assert [sentence.partition(", and not")[0] for sentence in remarks] == (
         ["a slow pole of the loops on board limits x, y"] if scenario == "onboard" else []
     )
-    assert all("--method lqr" in sentence for sentence in told)
+    assert all("--method lqr" in sentence for sentence in remarks)
 
 
 @pytest.mark.slow
@@ -349,7 +352,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert named["overrides"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve refers to this voltage of the battery.
     assert named["voltage"] == 11.1
-    # The trim in hover refers to the measured mass.
+    # The weight that `print_hover` receives follows from the mass of the option --mass.
     (((_, weight), _),) = calls["print_hover"]
     assert weight == pytest.approx(0.55 * base.nominal.gravity)
     assert calls["print_predictions"] == [((predictions,), {})]
@@ -393,7 +396,7 @@ def test_ctrl_c_during_imports_ends_a_command_with_one_sentence(capsys, monkeypa
     ended = []
     monkeypatch.setattr(interruption.os, "_exit", ended.append)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # A worker process ignores this setting, since its parent ends it.
+    # In a worker process, the module installs no handler, because the parent process ends its workers.
     monkeypatch.setattr(multiprocessing, "current_process", lambda: SimpleNamespace(name="ForkProcess-1"))
     importlib.reload(interruption)
     assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL

@@ -88,7 +88,7 @@ def test_versions_are_printed(run):
         (["fly", "--no-such-option"], "error: drake-quad fly has no option --no-such-option; `drake-quad fly --help`"),
     ],
 )
-def test_an_unknown_command_gets_a_sentence_and_status_2(monkeypatch, capsys, arguments, words):
+def test_an_unknown_command_is_reported_in_one_sentence_with_status_2(monkeypatch, capsys, arguments, words):
     monkeypatch.setattr(sys, "argv", ["drake-quad", *arguments])
     with pytest.raises(SystemExit) as stop:
         main()

@@ -43,7 +43,7 @@ def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
         ([*VARIED[:4], "--vary", "initial.attitude.0", "-1", "1"], "both axes of the map are initial.attitude.0"),
         ([*VARIED[:4], "--vary", "initial.attitude.0", "1", "-1"], "initial.attitude.0"),
         ([*VARIED[:4], "--vary", "vehicle.masss", "1", "2"], "masss"),
-        (controllers("pd", "indi"), "several controllers need --vary; a map of gains has one controller"),
+        (controllers("pd", "indi"), "a map of gains has one controller; give --controller once"),
     ],
 )
 def test_invalid_axes_of_a_map_are_refused(run, tmp_path, words, message):

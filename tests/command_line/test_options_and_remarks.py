@@ -122,7 +122,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, repla
         assert calls["show_replay"] == [(("a browser", "robustness", simulated["flight"]), {})]
 
 
-def test_the_default_worst_case_is_relative_to_the_drawn_values_of_the_flown_sample():
+def test_the_default_worst_case_of_a_map_increases_the_lag_and_the_delay_of_the_flown_sample():
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
@@ -167,7 +167,7 @@ def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, m
     assert run("identify", "a.csv", "--vehicle", "hover", "--output", tmp_path / "mine.yml").returncode == 0
 
 
-def test_an_installed_package_cannot_tune_its_designs(monkeypatch, tmp_path):
+def test_judge_tunes_designs_only_in_a_source_checkout(monkeypatch, tmp_path):
     monkeypatch.setattr(judge, "shipped_folder", lambda: tmp_path / "diagrams")
     with pytest.raises(InputError, match="--tune writes into diagrams/ of a source checkout"):
         judge.tune(SimpleNamespace(tune=["outdoor"], only=None, rounds=1))
@@ -220,7 +220,7 @@ def test_the_command_draw_shows_the_diagram_of_the_first_sample(run, replaced, t
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """Later overrides have priority, so `--set` does not change the delay in the worst case of a map."""
+    """Later overrides have priority, so `--set` cannot change the worst case of a map that `--worst` defines."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
     scenario = scenario_from_arguments(arguments, further=parse_overrides(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)

@@ -1,4 +1,4 @@
-"""A mistake in a command line gets one sentence with the nearest name, and status 2."""
+"""Tests that a mistake in a command line leads to status 2 and one sentence, which suggests the nearest name."""
 
 import re
 
@@ -32,7 +32,7 @@ from drake_quad.command_line.main import COMMANDS, command_module
         (["fly", "--import", "absent.py"], "--import absent.py: is not an existing Python file"),
     ],
 )  # fmt: skip
-def test_a_mistake_gets_one_sentence_with_the_nearest_name(run, arguments, sentence):
+def test_a_mistake_is_reported_in_one_sentence_with_the_nearest_name(run, arguments, sentence):
     result = run(*arguments)
     assert (result.returncode, result.stdout) == (2, "")
     last = result.stderr.splitlines()[-1]

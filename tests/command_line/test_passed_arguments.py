@@ -389,7 +389,7 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
         pass
 
 
-def test_studies_without_random_parameters_get_a_single_remark(capsys):
+def test_a_single_remark_reports_several_studies_without_random_parameters(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
     given = argparse.Namespace(
         scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse", draws=None, samples=40
@@ -406,7 +406,7 @@ def test_studies_without_random_parameters_get_a_single_remark(capsys):
     assert capsys.readouterr().err.count("has no distribution") == 1
 
 
-def test_controllers_with_different_random_parameters_are_not_compared_with_sobol_draws(tmp_path):
+def test_sobol_draws_are_refused_for_controllers_with_different_random_parameters(tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text(
         "mine: {extends: 'controllers/paper:pd', vehicle: {linear_drag: {uniform: {min: 0.1, max: 0.2}}}}\n"
@@ -429,7 +429,7 @@ def test_controllers_with_different_random_parameters_are_not_compared_with_sobo
 
 @pytest.fixture
 def simulated(replaced, monkeypatch):
-    """Return the recorded calls of a command `fly` that simulates nothing and writes nothing."""
+    """Let the command `fly` use stubs for the simulation and for writing files, and return their recorded calls."""
     numbers = dict.fromkeys(Metrics._fields, 0.1)
     flight = SimpleNamespace(
         metrics=Metrics(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
@@ -605,7 +605,7 @@ def test_a_vehicle_is_named_after_its_file_or_its_first_log():
         name("a b")
 
 
-def test_the_initial_vehicle_is_named_by_the_log_or_saved_next_to_it(tmp_path):
+def test_the_initial_vehicle_is_read_from_the_log_or_from_the_scenario_next_to_it(tmp_path):
     time = np.arange(3.0)
     plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
     logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
@@ -637,7 +637,7 @@ def test_winds_are_three_numbers_below_a_hundred():
     assert found[0].wind.shape == (3, 3)
 
 
-def test_controllers_are_judged_in_all_families_unless_some_are_named(run, replaced, tmp_path, monkeypatch):
+def test_judge_evaluates_all_families_unless_the_option_family_is_given(run, replaced, tmp_path, monkeypatch):
     missing = lambda diagrams, name: ["mpc"] if name == "outdoor" else []  # noqa: E731
     calls = replaced(
         "judge", fly_evaluation="found", missing_designs=missing, write_report=[Path("report.md")], print_errors=None
@@ -670,7 +670,7 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
         assert run("judge", "--samples", samples).returncode == status
 
 
-def test_controllers_are_tuned_family_by_family(run, replaced):
+def test_judge_tunes_the_controllers_of_each_given_family(run, replaced):
     design_of = SimpleNamespace(name="pd", description="6 numbers")
     calls = replaced("judge", design_family=[design_of], design_priced=[design_of] * 2, tunable_entries="entries")
     result = run("judge", "--tune", "outdoor", PRICED_DESIGNS, "--rounds", 3, "--only", "pd")
@@ -723,8 +723,8 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
 
     replaced("replicate", fly_experiment=interrupted)
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
-    told = f"interrupted: the finished table cells are in {tmp_path}; --resume continues from them\n"
-    assert (result.returncode, result.stderr) == (1, told)
+    message = f"interrupted: the finished table cells are in {tmp_path}; --resume continues from them\n"
+    assert (result.returncode, result.stderr) == (1, message)
     assert replicate.load(Cell("low_wind", "pd")).name == "low_wind_pd"
 
 

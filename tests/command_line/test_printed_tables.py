@@ -183,7 +183,8 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     ]
     assert {row[4] for row in rows if row[1] in ("z", "all")} == {"no"}
     assert {row[4] for row in rows if row[1] in ("x", "y")} == {"yes"}
-    # The median on each axis is about a centimetre, and the upper end of the interval is a crash.
+    # The predicted median on each axis is about a centimetre. The interval ends at a crash, since 10 % of the flights
+    # crash.
     for row in rows:
         median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
         assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
@@ -197,7 +198,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     assert "is within the 95 % interval" in compare_log.verdict(replace(compared, logged_error=compared.predicted[0]))
 
 
-def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys):
+def test_equal_predictions_of_a_log_are_printed_without_an_interval(compared, capsys):
     alike = replace(compared, predicted=np.full((3, 50, 3), 0.02))
     compare_log.print_comparison(alike)
     lines = capsys.readouterr().out.splitlines()
@@ -368,8 +369,8 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     lines = printed.out.splitlines()
     assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
-    # The standard deviation is 0.02 kg for the mean, and √(0.02² + 0.04²) kg for a new flight, where the sum of the
-    # variances has 6.25 degrees of freedom.
+    # The standard deviation of the mean is 0.02 kg. For a new flight, it is √(0.02² + 0.04²) kg. The second variance
+    # has 4 degrees of freedom, so the sum has 6.25 degrees of freedom by the Welch-Satterthwaite formula.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
     assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
@@ -381,13 +382,13 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     assert printed.err == "remark: of the flights\n"
 
 
-@pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
-def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_told):
+@pytest.mark.parametrize(("weak", "is_remarked"), [(["mass"], False), (["mass", "linear_drag"], True)])
+def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_remarked):
     found = identified()
     estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
     identify.print_estimates(replace(found, estimates=estimates))
-    told = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
-    assert told == is_told
+    is_printed = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
+    assert is_printed == is_remarked
 
 
 def test_explained_variances_of_outputs_are_printed(capsys):
@@ -437,7 +438,7 @@ def test_measurement_noise_and_trim_in_hover_are_printed(capsys, monkeypatch):
     assert "correlation" not in capsys.readouterr().out
 
 
-def test_throttles_in_flight_of_all_logs_are_combined():
+def test_throttles_of_all_logs_are_combined_without_the_throttles_at_rest():
     """The throttle of 0.1 at rest before and after the flight is left out."""
     time = 0.02 * np.arange(1000)
     in_flight = ((time > 3.0) & (time < 17.0))[:, None]
@@ -479,7 +480,7 @@ def test_a_map_has_a_row_for_each_pair_of_gains_and_names_the_best_pair(capsys, 
         np.testing.assert_array_equal(table[f"{title}: crash time (s)"], crash_time.ravel())
 
 
-def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(capsys, tmp_path):
+def test_sensitivities_are_sorted_by_the_effect_of_a_change_of_one_per_cent(capsys, tmp_path):
     fields = ("a", "b", "c", "d")
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4), "rmse_x": np.full(4, np.nan)}
     metrics = {"rmse": 0.4, "effort_x": 0.0, "rmse_x": 1.0}
@@ -504,7 +505,7 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
     whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
         sensitivities.print_sensitivities(whole, name)
-        assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
+        assert capsys.readouterr().out.endswith(f"{name} has no derivative, because it is zero in this flight\n")
 
 
 def test_default_fields_of_sensitivities_depend_on_the_layout_and_the_autopilot():
@@ -630,7 +631,7 @@ def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys
     assert starts == {2 + 18 + 2}
 
 
-def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys, tmp_path):
+def test_the_largest_influences_are_printed_with_the_paths_of_their_fields(capsys, tmp_path):
     rng = np.random.default_rng(1)
     mass, x, unrelated = rng.uniform(0.5, 1.0, size=(3, 200))
     metrics = metrics_of(0.1 + mass + 6.0 * (x - 0.75) ** 2, crashed=np.flatnonzero(x > 0.95))
@@ -683,7 +684,7 @@ def test_crashes_of_replayed_flights_are_counted(capsys):
     assert capsys.readouterr().out == "a: 3 flights, 2 crashed\nb: 1 flights, 0 crashed\n"
 
 
-def test_errors_of_judged_controllers_are_in_centimetres_with_the_fraction_of_crashes(capsys):
+def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     metrics = metrics_of([0.1, 0.2, 0.3, 0.9], crashed=[3])
     assert judge.error_text(None) == "–"
     assert judge.error_text(metrics) == "20.0 25.0 %"

@@ -51,7 +51,7 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["risk", "falsify", "sobol"])
-def test_searches_have_the_options_of_studies_for_workers(command):
+def test_search_commands_have_the_same_worker_options_as_the_command_study(command):
     arguments = ["--workers", "3", "--time-limit", "5", "--resume", "--wired", "--vector", "pdf"]
     found = (
         command_module(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])
@@ -92,7 +92,7 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
     assert result.returncode == 0
     assert "stable up to scale" in result.stdout
     assert "unstable at scale" in result.stdout
-    assert "gap between the bounds" in result.stdout
+    assert "gap between the scales" in result.stdout
     assert "all loops at the command link at once: disk margin" in result.stdout
     assert files(result) == ["scales.csv", "parameters.csv", "unstable.yaml"]
     scales, parameters = (read_table(tmp_path / f"{name}.csv") for name in ("scales", "parameters"))
@@ -128,7 +128,7 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
         (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
     ],
 )
-def test_wrong_options_are_refused_in_a_sentence(run, tmp_path, arguments, words):
+def test_invalid_options_of_the_robustness_commands_are_refused_in_one_sentence(run, tmp_path, arguments, words):
     result = run(*arguments, "--output", tmp_path / "out")
     assert result.returncode == 2
     assert words in result.stderr

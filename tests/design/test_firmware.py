@@ -253,7 +253,7 @@ def test_the_command_writes_the_layer_and_the_scenario(tmp_path, run):
     assert extended.control == scenario.control
     refused = run(*call, "--integral", "0.2")
     assert refused.returncode == 2
-    assert "--integral cannot be combined with --firmware, which designs nothing" in refused.stderr
+    assert "--integral cannot be combined with --firmware, which designs no gains" in refused.stderr
 
 
 @pytest.mark.slow

@@ -228,16 +228,16 @@ def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
 @pytest.mark.parametrize(("value_range", "limits"), [("nonnegative", "not negative"), ("fraction", "between 0 and 1")])
 def test_a_metric_outside_its_stated_range_is_refused(value_range, limits):
     @metric("1", over_time="last", value_range=value_range)
-    def below(state):
-        """Negative height."""
+    def depth(state):
+        """Depth below the ground."""
         return -state.z
 
     @flight_metric("1", value_range=value_range)
-    def below_in_flight(flight):
-        """Negative height."""
+    def depth_in_flight(flight):
+        """Depth below the ground."""
         return -flight["state"][-1, 2]
 
-    for kind in ("below", "below_in_flight"):
+    for kind in ("depth", "depth_in_flight"):
         with pytest.raises(InputError, match=rf"the metric {kind} is -1.*, but its value_range .* states {limits}"):
             simulate(load_scenario("hover", [{"metrics": {"additional": {kind: {}}}, "duration": 0.1}]))
 
@@ -405,7 +405,7 @@ def test_a_comparison_prefers_the_larger_value_if_larger_is_better():
     worse = metrics._replace(tube=metrics.tube / 2.0)
     comparison = compare(worse, metrics, "tube")
     assert (comparison.better.value, comparison.num_pairs) == (0.0, 6)
-    assert comparison.ratio.value == pytest.approx(0.5)  # the time cannot be negative, so it has a ratio
+    assert comparison.ratio.value == pytest.approx(0.5)  # defined, because times are not negative
     assert compare(metrics, worse, "tube").better.value == 1.0
 
 

@@ -21,7 +21,10 @@ HEAVY_VEHICLE_IN_WIND = [
 
 @pytest.fixture(scope="module")
 def settled(diagrams):
-    """Return error, disturbance and command at rest, with a heavier vehicle in wind."""
+    """Return a function that computes the error, the estimated disturbance and the command of a controller at rest.
+
+    The vehicle hovers in steady wind, and is heavier than its nominal model.
+    """
 
     def settle(position):
         scenario = load_scenario(

@@ -180,7 +180,7 @@ def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
 
 
 @pytest.mark.long
-def test_a_recorded_fleet_has_the_flights_of_its_samples(imperfect):
+def test_samples_that_are_recorded_in_a_fleet_fly_as_they_fly_alone(imperfect):
     """Each flight has a scenario with the drawn values and the index of its sample."""
     flights = simulate_samples(imperfect, [40, 7], seed=3)
     alone = simulate(imperfect, seed=3, sample=7, compiled=False)
@@ -258,7 +258,7 @@ def test_a_flight_that_diverged_can_be_plotted(diagrams, tmp_path):
 def test_other_rotor_layouts_fly_like_the_plus_if_no_rotor_saturates(diagrams, layout):
     """Small differences remain, because rotor speeds lag their commands and thrust is not linear in rotor speed.
 
-    A vehicle whose layout differs from the nominal one has a larger error.
+    The error is larger if the layout of the vehicle is not the layout that the controller assumes.
     """
     plus, other, mistaken = (
         simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=6", *overrides]), compiled=True)
@@ -293,7 +293,7 @@ def test_the_repr_of_a_flight_is_one_line_that_names_its_signals(diagrams):
 
 
 def test_a_user_defined_wind_may_be_a_leaf_system_or_a_fleet_system(diagrams):
-    """Flights are equal, although the wind depends on the position and neither system has a state."""
+    """The flights with both systems are equal. The wind depends on the position, and neither system has a state."""
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.3"])
 
     class Leaf(LeafSystem):

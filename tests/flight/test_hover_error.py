@@ -26,7 +26,7 @@ def in_laboratory(layer, *overrides):
 
 
 def hovering(layer, start, end):
-    """Return `laboratory:nominal` with a hover that ends at `end` and metrics that begin at `start`, s."""
+    """Return `laboratory:nominal` with a flight in hover until `end` and metrics that begin at `start`, s."""
     route = f"route={{kind: hover, position: [0, 0, 1], duration: {end}}}"
     return in_laboratory(layer, route, f"metrics.start={start}", "seed=7")
 
@@ -105,7 +105,7 @@ def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
 
 @pytest.mark.long
 def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
-    """The linear model omits lost packets and nonlinear effects of the noise, which also lengthen the thrust vector."""
+    """The linear model omits lost packets and nonlinear effects of the noise, such as a longer thrust vector."""
     layer = "designed/laboratory.yaml:indi"
     lossless = "laboratory.command_link.loss_rate=0"
     error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))
@@ -128,7 +128,7 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
     scenario = in_laboratory("designed/laboratory.yaml:pd", *noiseless, wind)
     error = hover_error(scenario)
     np.testing.assert_allclose(axis_errors(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
-    # Lost packets differ between hovers. They affect only the settling of the vehicle if there is no noise.
+    # Lost packets differ between flights. They affect only the settling of the vehicle if there is no noise.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
 
@@ -161,9 +161,8 @@ def stub_errors(monkeypatch):
 
 
 @pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
-def test_hovers_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_on_each_axis(stub_errors, spread):
-    """The relative half-width of the RMS error along Z is proportional to 1 / √n, which gives the expected number n of
-    hovers."""
+def test_flights_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_on_each_axis(stub_errors, spread):
+    """The relative half-width of the RMS error along Z is proportional to 1 / √n for n flights."""
 
     def error(axis, samples):
         return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))
@@ -175,13 +174,13 @@ def test_hovers_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_o
     np.testing.assert_allclose(axis_errors(prediction), 1.0)
 
 
-@pytest.mark.parametrize(("size", "hovers"), [(1e-8, 64), (1e-5, 1024)])
-def test_an_axis_with_only_rounding_errors_needs_no_further_hovers(stub_errors, size, hovers):
+@pytest.mark.parametrize(("size", "num_flights"), [(1e-8, 64), (1e-5, 1024)])
+def test_an_axis_with_only_rounding_errors_needs_no_further_flights(stub_errors, size, num_flights):
     stub_errors(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
-    assert hover_error(load_scenario("hover")).num_hovers == hovers
+    assert hover_error(load_scenario("hover")).num_hovers == num_flights
 
 
-def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):
+def test_vehicles_hover_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):
     positions = []
 
     def constant_error_at(scenario):
@@ -204,7 +203,7 @@ def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_posit
 @pytest.mark.slow
 def test_a_hover_that_crashes_has_no_predicted_error():
     scenario = load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"])
-    with pytest.raises(InputError, match=r"64 of 64 hovers of nominal crash, the first after \d+\.\d s"):
+    with pytest.raises(InputError, match=r"64 of 64 flights of nominal crash, the first after \d+\.\d s"):
         hover_error(scenario)
 
 

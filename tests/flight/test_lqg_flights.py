@@ -134,7 +134,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
     np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_fraction) * acceleration, atol=0.03)
-    # The total command at rest does not depend on the fraction of it that the correction contributes.
+    # The total command at rest does not depend on `correction_fraction`.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -acceleration, atol=0.03)
     if correction_fraction == learned_fraction:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
@@ -142,7 +142,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
 
 @pytest.mark.long
 def test_a_network_can_be_combined_with_the_regulator():
-    """The network uses the estimated disturbance and learns from the feedback. The flight is also compiled."""
+    """The network learns from the feedback, which includes the estimated disturbance, in compiled and wired flights."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"
         " z: {scale: 2, centres: [-1, 1], widths: [2, 2]}}, lead: 0.1,"

@@ -35,7 +35,7 @@ LINE_FIELDS = {"type", "pose", "thickness", "scale_invariant", "points", "color"
 
 @pytest.fixture(scope="module")
 def flights(diagrams):
-    """Return two flights: a complete one, and one with a network and an asymmetric airframe that crashes."""
+    """Return a complete flight and a flight that crashes. The latter has a network and an asymmetric airframe."""
     turned = {"duration": 1.0, "route.yaw": 0.4}
     failing = {"duration": 2, "vehicle.rotor_failure": {"rotor": 2, "time": 0.2}}
     return {
@@ -168,7 +168,7 @@ def test_the_scene_has_rotors_in_the_body_frame_and_lines_in_the_world_frame(mes
     assert len({entity["id"] for entity in scene["entities"]}) == 3
 
 
-def test_shapes_of_the_vehicle_are_permanent_and_extend_from_the_centre_to_the_rotors(messages, flights):
+def test_shapes_of_the_vehicle_never_expire_and_extend_from_the_centre_to_the_rotors(messages, flights):
     """Foxglove centres a box at its position. Line type 0 is LINE_STRIP, with a scale-invariant width in pixels."""
     contents, _ = messages
     colors = {}

@@ -46,8 +46,8 @@ class Cascade(LeafSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 3])
-def test_a_manually_connected_loop_has_the_flights_of_the_tracking_diagram(num_vehicles):
-    """Wind, noise and lost packets are the same, and the flights are bitwise equal."""
+def test_a_manually_connected_loop_flies_exactly_like_the_tracking_diagram(num_vehicles):
+    """Wind, noise and lost packets are the same, so the flights are bitwise equal."""
     scenario = load_scenario("laboratory:low_wind", ["sample=5", "seed=7"])
     builder = DiagramBuilder()
     reference = builder.AddSystem(build_reference(plan_route(scenario), num_vehicles=num_vehicles))

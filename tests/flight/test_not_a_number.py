@@ -75,7 +75,7 @@ FAILING_OUTPUTS = [
 def test_the_report_names_the_non_finite_output_of_a_user_system(spec, place, signal, row, value, word, compiled):
     scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
     flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
-    # The monitor reads the effect of the wind on the state at the next tick.
+    # Wind affects the state only at the next tick, at which the monitor reads the state.
     crash_time = FAILURE_TIME if signal != "wind" else FAILURE_TIME + 0.02
     assert flight.metrics.crash_time == pytest.approx(crash_time)
     assert flight.cause == f"{place} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"

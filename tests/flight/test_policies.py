@@ -45,7 +45,7 @@ def pd(diagrams):
 
 
 @pytest.mark.long
-def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path):
+def test_a_policy_network_with_the_gains_of_a_pd_flies_like_the_pd(pd, tmp_path):
     """The rest of the cascade, the wind and the noise are the same in both flights."""
     weights = np.hstack([np.diag(K_P / ACTION_LIMIT), np.diag(K_D / ACTION_LIMIT)])
     arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
@@ -60,7 +60,7 @@ def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path)
 
 
 def random_policy(action, folder):
-    """Return a policy with memory and history that flies under the conditions of robustness.yaml, given its actions."""
+    """Return robustness.yaml with a random policy, which has memory and history, for a given kind of actions."""
     rng = np.random.default_rng(4)
     rows = 3 if action == "acceleration" else 4
     observation = {
@@ -132,7 +132,7 @@ def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
     np.testing.assert_allclose([lean.roll[-1], lean.pitch[-1]], [0.06, -0.03], atol=0.02)
 
 
-def test_body_rates_are_tracked_from_the_ground():
+def test_body_rates_are_tracked_by_the_ground_station():
     task = environment_scenario(load_scenario("hover", {"duration": 1.0}), action="rates")
     actions = np.tile([0.0, 0.1, -0.05, 0.2], (50, 1))
     state = simulate(task, policy=action_source(actions, 0.02)).record("state")
@@ -144,8 +144,8 @@ def raptor():
     return load_scenario("figure_eight", layers=["controllers/raptor:raptor"]).control.policy.network()
 
 
-def test_the_foundation_policy_has_the_actions_of_its_package(raptor):
-    """The inputs are random. The package observes position and velocity errors with the opposite sign."""
+def test_raptor_has_the_same_actions_as_the_package_foundation_policy(raptor):
+    """The inputs are random. `foundation_policy` observes position and velocity errors with the opposite sign."""
     package = pytest.importorskip("foundation_policy")
     policy = package.Raptor()
     policy.reset()
@@ -157,7 +157,7 @@ def test_the_foundation_policy_has_the_actions_of_its_package(raptor):
         np.testing.assert_allclose(step.output, policy.evaluate_step(inputs[None])[0], rtol=1e-5, atol=1e-5)
 
 
-def test_the_foundation_policy_has_the_flight_of_its_training_simulator(root):
+def test_raptor_flies_as_in_the_simulator_in_which_it_was_trained(root):
     """The recorded flight in tests/data/raptor is the return of a Crazyflie from an offset."""
     with (root / "tests/data/raptor/l2f.csv").open(encoding="utf-8") as file:
         expected = np.array([[float(cell) for cell in row.values()] for row in csv.DictReader(file)])
@@ -245,7 +245,7 @@ def test_a_user_defined_policy_needs_a_control_of_kind_policy():
 
 
 @pytest.mark.long
-def test_a_policy_in_plain_python_has_the_flight_of_a_network(tmp_path):
+def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
     """The user's system computes `action` from `observation`, in uncompiled and compiled diagrams."""
 
     class PlainPolicy(LeafSystem):

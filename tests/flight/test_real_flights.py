@@ -46,7 +46,7 @@ def test_simulated_errors_of_neural_fly_agree_with_the_real_flights(diagrams, ro
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "wind_4", "wind_8", "wind_12"])
-def test_isotropic_drag_and_the_nominal_thrust_curve_predict_too_small_errors(diagrams, name):
+def test_a_model_with_isotropic_drag_and_the_nominal_thrust_curve_underestimates_the_errors(diagrams, name):
     isotropic = [
         "vehicle.body_drag=null",
         "vehicle.rotor_aerodynamics=null",

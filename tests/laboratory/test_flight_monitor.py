@@ -42,7 +42,7 @@ def monitor_with_inputs(inputs, num_vehicles=1, **options):
     monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
     ticks = len(next(iter(inputs.values())))
     for name, values in inputs.items():
-        # Each row of the inputs applies from half a period before its tick.
+        # Each row of the inputs applies from half a period before its tick to half a period after it.
         breaks = PERIOD * (np.arange(ticks + 1) - 0.5)
         rows = np.vstack([values, values[-1:]])
         source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, rows.T)))
@@ -232,8 +232,8 @@ def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
     np.testing.assert_array_equal(monitor.metrics(context).crashed, [False, True, False, True, True])
 
 
-def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
-    """No ball around the vehicle is known to be free of solids at the beginning."""
+def test_a_vehicle_that_begins_in_a_solid_has_crashed_at_the_first_tick():
+    """At the first tick, no ball is known to be free of solids, so the monitor computes the distances."""
     for start in ((0.4, 0.0), (0.0, 0.9)):
         inputs = inputs_at_rest(x=start[0], y=start[1])
         solid = Ball((start[0] + 0.1, start[1], 1.1), radius=0.2)
@@ -313,12 +313,12 @@ class CountingSolid:
         return self.shape.distance_lower_bound(x, y, z)
 
 
-def test_distances_are_computed_only_after_a_vehicle_has_left_its_free_ball():
+def test_distances_are_computed_only_after_a_vehicle_leaves_the_ball_that_is_free_of_solids():
     solid = CountingSolid(Ball((2.0, 0.0, 1.0), radius=0.5))
     surroundings, free = Surroundings((solid,), 0.2), FreeBall()
     level = State(*[0.0] * 12)._replace(z=1.0)
     counts = []
-    # The radius of the free ball is first 1.3 m, then 2.61 m.
+    # The ball that is free of solids has first the radius 1.3 m, then 2.61 m.
     for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
         touch, free = detect_contact(level._replace(x=x), flies, free, surroundings)
         counts.append(solid.count)

@@ -33,7 +33,7 @@ def ramp_source(size):
 
 
 def recorded_output(system, output, size, duration, period=0.005, column=0):
-    """Return times and values of a system's output for a ramp as the input, as a discrete update reads them."""
+    """Return times and values of a system's output, as a discrete update reads them. The input is a ramp."""
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("clock", ramp_source(size))
     builder.AddNamedSystem("system", system)
@@ -63,7 +63,7 @@ def test_motion_capture_holds_each_frame_for_a_period():
 def test_the_command_link_delays_by_whole_ticks(delay):
     link = CommandLink(period=0.02, longest_delay=delay, parameters=LinkParameters(delay, initial=INITIAL_WRENCH))
     time, value = recorded_output(link, "wrench", 4, 0.3)
-    # The recorder reads the output at a tick before the link receives the command of this tick.
+    # At each tick, the recorder reads the output first, and then the link receives the command.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
     expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
     np.testing.assert_allclose(value, expected, atol=1e-12)

@@ -94,7 +94,7 @@ def test_the_velocity_noise_has_the_spectrum_of_the_filter(bandwidth):
         assert density.mean(axis=0)[band].mean() == pytest.approx(theory[band].mean(), rel=0.05)
 
 
-def test_the_velocity_noise_of_every_second_frame_averages_out():
+def test_the_velocity_noise_cancels_in_the_mean_over_every_second_frame():
     """The mean velocity over 4 s is a difference of two positions divided by 4 s, so its noise is smaller than the mean
     of 200 independent velocity errors."""
     n, sigma = 200, 1e-3
@@ -110,8 +110,8 @@ def test_the_velocity_noise_of_every_second_frame_averages_out():
 def test_the_velocity_filter_is_a_first_order_lag():
     rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
     time, frames = measurements_of(state_ramp(rates), camera_with_filter(25.0), duration=1.0)
-    # The value logged at a tick is from the previous frame. The filter takes differences over two frames, so its
-    # velocity is the mean of the lag's responses at the last two frames.
+    # The value logged at a tick is from the previous frame. The filter is a first-order lag of differences over two
+    # frames. Its output is the mean of the lag's step responses at the last two frames.
     response, response_of_previous_frame = (
         1.0 - np.exp(-25.0 * np.maximum(time - delay, 0.0)) for delay in (H, 2.0 * H)
     )
@@ -132,12 +132,13 @@ def test_body_rates_agree_with_the_rotation_of_the_body():
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=2e-3)
 
 
-def test_angle_differences_are_converted_at_the_middle_frame():
-    """The filter is so fast that it has no effect. Body rates agree with Drake's angular velocity at that frame."""
+def test_angle_differences_become_body_rates_with_the_attitude_of_the_middle_frame():
+    """Body rates agree with Drake's angular velocity at the middle one of three frames. The filter has no effect."""
     rates = np.array([0.3, -0.2, 0.5])
     time, frames = measurements_of(state_ramp([0.0, 0.0, 0.0, *rates]), camera_with_filter(1e4), duration=2.0)
     for tick in (60, 120, 199):
-        # The value logged at a tick is from the previous frame, and is the difference to the frame two frames earlier.
+        # The value logged at a tick belongs to the previous frame, and is the difference between this frame and the
+        # frame two periods before it.
         middle = RollPitchYaw(rates * (time[tick] - 2.0 * H))
         expected = middle.CalcAngularVelocityInChildFromRpyDt(rates)
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=1e-12)

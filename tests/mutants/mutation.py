@@ -68,8 +68,8 @@ COUNTERPARTS = {
 # Functions whose call a mutant replaces with one of its arguments.
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrap_angle", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
-# Functions whose result does not depend on the order of their arguments.
-_SYMMETRIC = {
+# Functions whose arguments no mutant exchanges, because the exchange would have no effect, or would always be an error.
+_FUNCTIONS_WITH_FIXED_ARGUMENT_ORDER = {
     *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",
     "NewType", "swapaxes", "array_equal",
 }  # fmt: skip
@@ -227,9 +227,9 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "condition", otherwise
         case ast.Call(function, arguments, keywords):
             yield from _changes_of_call(node, function, arguments, keywords)
-        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent) and not _have_equal_initial_values(
-            node, parent
-        ):
+        case ast.Tuple(elements) | ast.List(elements) if not _has_fixed_order(
+            parent
+        ) and not _have_equal_initial_values(node, parent):
             for swapped in _swapped(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
@@ -254,7 +254,7 @@ def _changes_of_call(
         yield "function", arguments[0]
     if name == "where" and len(arguments) == 3:
         yield from (("condition", argument) for argument in arguments[1:])
-    if name in _SYMMETRIC:
+    if name in _FUNCTIONS_WITH_FIXED_ARGUMENT_ORDER:
         return
     for swapped in _swapped(arguments):
         yield "order", ast.Call(function, swapped, keywords)
@@ -281,10 +281,12 @@ def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
     return isinstance(parent, ast.Assign) and getattr(parent.targets[0], "id", "").startswith("_")
 
 
-def _is_a_choice(parent: ast.AST) -> bool:
-    """Return whether the order of a node's elements is irrelevant, as in a comparison with alternatives."""
+def _has_fixed_order(parent: ast.AST) -> bool:
+    """Return whether mutants keep the order of a node's elements, as for the values in `kind in (a, b)`."""
     return isinstance(parent, ast.Compare) or (
-        isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
+        isinstance(parent, ast.Call)
+        and isinstance(parent.func, ast.Name)
+        and parent.func.id in _FUNCTIONS_WITH_FIXED_ARGUMENT_ORDER
     )
 
 

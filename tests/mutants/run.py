@@ -141,8 +141,8 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
     """Return the tests that may kill a mutant, in the order in which to run them, with their durations (s).
 
-    Tests that run the mutant's line come first. The other tests of the same test files follow, because lines that a
-    fixture of the module runs are recorded for only one of the tests that share it. If no test runs the line, it runs
+    Tests that run the mutant's line come first. The other tests of the same test files follow, because the lines that a
+    shared fixture runs are recorded for only one of the tests that use the fixture. If no test runs the line, it runs
     at import or in another process. The result then has all tests of the test files that run any line of the mutant's
     file or that test its package.
 
@@ -239,7 +239,8 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
     late = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
     if late:
         print(
-            f"{late} mutants count as killed because they took more than {MAX_DURATION:.0f} s, as on a paused machine"
+            f"{late} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; if the machine"
+            " was paused, run them again"
         )
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:

@@ -86,7 +86,7 @@ def test_lines_whose_changes_no_test_can_detect_have_no_mutants(line):
     assert changes(line) == set()
 
 
-def test_a_default_value_affects_the_whole_function():
+def test_a_mutant_of_a_default_value_concerns_all_lines_of_its_function():
     text = "LIMIT = 3\n\n\ndef f(x, y=2):\n    if x:\n        return y\n    return x\n"
     mutants = {mutant.after: (mutant.lines, mutant.declared) for mutant in mutants_of(text)}
     assert mutants["LIMIT = 4"] == (range(1, 2), True)

@@ -175,7 +175,8 @@ def kill(file: str, mutant: Mutant, tests: dict[str, float]) -> Outcome:
 def run_pytest(plugin: Plugin, file: str) -> int:
     options = ["-x"] if plugin.chosen is not None else []
     command = [file, "-p", "no:cacheprovider", "--assert=plain", "--tb=no", *options]
-    # The existing objects are not garbage, so the frequent collections of pytest need not search them.
+    # Existing objects are not garbage. Frozen objects are skipped by the garbage collections that pytest often
+    # requests.
     gc.freeze()
     with Path(os.devnull).open("w") as devnull, redirect_stdout(devnull), redirect_stderr(devnull):
         return int(pytest.main(command, plugins=[plugin]))

@@ -1,5 +1,4 @@
-"""Tests that studies on a Dask cluster have the results of local studies, and clear messages if the cluster fails.
-
+"""Tests that studies on a Dask cluster give the results of local studies and report failures of the cluster.
 
 Dask runs in other processes, since its threads would remain in this process, which other tests fork.
 """
@@ -149,7 +148,7 @@ def test_a_study_on_a_cluster_has_the_results_of_a_local_study(cluster, tmp_path
 
 
 @pytest.mark.long
-def test_a_search_on_a_cluster_has_the_flights_of_a_local_search(cluster, tmp_path):
+def test_a_search_on_a_cluster_evaluates_the_same_flights_as_a_local_search(cluster, tmp_path):
     searched = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
     stdout, stderr = searched.communicate()
     assert (searched.returncode, stderr) == (0, "")
@@ -167,10 +166,10 @@ def test_errors_in_the_client_loop_are_not_logged(cluster):
 import threading
 from drake_quad.studies.cluster import dask_pool
 with dask_pool("{cluster.address}") as pool:
-    loop, told = pool._client.loop, threading.Event()
+    loop, called = pool._client.loop, threading.Event()
     loop.add_callback(lambda: 1 / 0)
-    loop.add_callback(told.set)
-    assert told.wait(30)
+    loop.add_callback(called.set)
+    assert called.wait(30)
 """
     run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (0, "")

@@ -36,11 +36,11 @@ def test_the_significance_of_crashes_follows_from_the_sign_test(ours, theirs, si
 
 
 def test_samples_fly_in_the_given_order():
-    scenario, told = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
-    found = fly_samples(scenario, [5, 2], progress=lambda *each: told.append(each))
+    scenario, reports = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
+    found = fly_samples(scenario, [5, 2], progress=lambda *each: reports.append(each))
     for sample, rmse in zip((5, 2), found.rmse, strict=True):
         assert simulate(scenario, sample=sample).metrics.rmse == pytest.approx(rmse, rel=1e-9)
-    assert told[-1] == (pytest.approx(0.2), pytest.approx(0.2))
+    assert reports[-1] == (pytest.approx(0.2), pytest.approx(0.2))
 
 
 def test_samples_fly_in_one_fleet_that_is_compiled_by_default(monkeypatch):

@@ -78,7 +78,7 @@ def test_a_parameter_that_is_only_correlated_with_the_cause_has_no_partial_influ
     assert found[DRAG].correlation.low > 0.7
     assert abs(found[DRAG].partial.value) < 0.06
     assert found[MASS].partial.low > 0.9
-    # This parameter is drawn independently, so both correlations are equal.
+    # The step is drawn independently of the other parameters, so its partial correlation equals its correlation.
     assert found[STEP].partial == found[STEP].correlation
 
 

@@ -40,7 +40,7 @@ def test_coordinates_are_the_drawn_fields_and_the_shared_variables(scenario):
     assert {*coordinates(scenario)} == {*fields, shared_stream("a")}
 
 
-def test_points_of_samples_have_the_metrics_of_the_study(scenario):
+def test_the_evaluator_has_the_metrics_of_a_study_with_the_same_random_numbers(scenario):
     study = run_monte_carlo(scenario, 7, num_workers=1)
     evaluator = Evaluator(scenario, num_vehicles=4)
     samples = [6, 0, 3, 2, 5]
@@ -90,7 +90,7 @@ def test_points_on_the_boundary_of_the_unit_cube_are_allowed(scenario):
         (np.full((1, 4), 0.5), -1, "the noise seed must be at least 0"),
     ],
 )
-def test_wrong_points_are_refused(scenario, points, noise, message):
+def test_points_and_noise_seeds_of_wrong_shape_or_range_are_refused(scenario, points, noise, message):
     evaluator = Evaluator(scenario, num_vehicles=1)
     with pytest.raises(InputError, match=message):
         evaluator(points, noise)
@@ -102,7 +102,7 @@ def test_a_scenario_without_distributions_is_refused():
 
 
 @pytest.mark.slow
-def test_noise_of_one_sample_in_all_periods_is_the_noise_of_the_sample(scenario):
+def test_the_noise_is_the_same_if_each_period_uses_the_sample_of_the_whole_flight(scenario):
     whole, by_period = Evaluator(scenario, num_vehicles=3), Evaluator(scenario, num_vehicles=3, noise_period=0.2)
     points = np.full((3, len(whole.names)), 0.4)
     assert by_period.num_periods > 1
@@ -117,7 +117,8 @@ def test_flights_with_the_same_noise_until_a_period_are_equal_until_then(scenari
     other[1] = 99
     first, second = (simulate(evaluator.scenario_at(point, each), compiled=True) for each in (numbers, other))
     differs = np.any(first["state"] != second["state"], axis=1)
-    # The noise of the second period acts through the camera and the controller.
+    # The noise differs in the second noise period, which begins at 0.2 s, and acts through the camera and the
+    # controller.
     assert 0.2 <= first.time[np.argmax(differs)] <= 0.3
     uncompiled = simulate(evaluator.scenario_at(point, other), compiled=False)
     np.testing.assert_array_equal(uncompiled["state"], second["state"])

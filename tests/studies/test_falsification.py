@@ -38,7 +38,7 @@ def test_a_worst_case_is_worse_than_random_samples_within_the_same_limits(scenar
 
 
 @pytest.mark.slow
-def test_a_worst_case_flies_again_with_the_same_metric(found):
+def test_a_repeated_flight_of_the_worst_case_has_the_same_metric(found):
     assert simulate(found.scenario, compiled=True).metrics.peak_error == pytest.approx(found.value, rel=1e-9)
     assert found.scenario.sample == found.nominal.sample
     assert found.values["vehicle.mass"][0] == pytest.approx(0.68)
@@ -52,7 +52,7 @@ def test_the_same_seed_repeats_a_search(scenario, found):
 
 
 @pytest.mark.slow
-def test_a_requirement_is_minimised(scenario):
+def test_the_smallest_robustness_of_a_requirement_is_found_as_its_worst_case(scenario):
     found = find_worst_case(scenario, "near", maximise=False, max_flights=2 * MIN_FLIGHTS, num_noise=2, sigma=1.0)
     assert np.abs(found.point).max() <= 1.0
     assert found.value == pytest.approx(0.1 - simulate(found.scenario, compiled=True).metrics.peak_error, abs=1e-6)
@@ -89,7 +89,7 @@ def test_an_infinite_metric_is_no_crash_and_better_than_a_crash(maximise, crashe
         ({"num_noise": 0}, "num_noise is 0, but must be at least 1"),
     ],
 )
-def test_impossible_searches_are_refused(scenario, options, words):
+def test_searches_with_invalid_options_are_refused(scenario, options, words):
     with pytest.raises(InputError, match=words):
         find_worst_case(scenario, **{"metric": "rmse", **options})
 

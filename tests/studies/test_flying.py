@@ -67,7 +67,7 @@ def test_user_systems_are_passed_to_the_fleets(job, fleet):
 
 
 def test_a_worker_with_different_code_refuses_every_batch(job, fleet):
-    """The code is checked for each batch until a fleet exists."""
+    """If the check of the code fails, no fleet is built, so the next batch is checked as well."""
     wrong = job._replace(key="wrong", code={**job.code, "numpy": "0.1"})
     for _ in range(2):
         with pytest.raises(InputError, match="has numpy"):

@@ -520,8 +520,8 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
         run_monte_carlo(load_scenario("hover", ["duration=0.05"]), 2, folder=tmp_path, num_workers=1)
 
 
-class PoolWithOutcome(WorkerPool):
-    """Pool whose trial has a given outcome."""
+class PoolWithGivenOutcome(WorkerPool):
+    """Pool of workers that records its tasks and returns the same given outcome for each of them."""
 
     num_workers = capacity = 1
 
@@ -539,19 +539,19 @@ class PoolWithOutcome(WorkerPool):
 
 
 def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False):
-    """Check a system in a trial whose three flights have the given errors, and return the pool."""
+    """Run the trial of user systems before a study, with given RMSEs of its three flights, and return the pool."""
     rows = np.ones((3, len(study_columns(study()))))
     rows[:, study_columns(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, study_columns(study()).index("crashed")] = 0.0
-    pool = PoolWithOutcome(Outcome([0], rows, reason, invalid_input, in_user_code))
+    pool = PoolWithGivenOutcome(Outcome([0], rows, reason, invalid_input, in_user_code))
     own = UserSystems(position_controller=Draught, wind=Draught)
     run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))
     return pool
 
 
 @pytest.mark.parametrize(("num_vehicles", "size"), [(1, 1), (2, 2), (3, 3), (1024, 3)])
-def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
+def test_the_trial_of_user_systems_flies_sample_0_with_at_most_two_other_samples(num_vehicles, size):
     """The three flights of sample 0 agree within 1e-6, so the system is accepted."""
     ((function, job, samples),) = trial(num_vehicles, [0.25, 0.2500005, 0.2499995]).asked
     assert (function, samples) == (fly_trial, [2, 1, 0][3 - size :])
@@ -577,12 +577,12 @@ def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
         ([0.25, 0.26, 0.24], "flown again in the same diagram"),
     ],
 )
-def test_a_trial_with_different_results_explains_the_difference(rmse, words):
+def test_a_trial_of_user_systems_with_different_results_explains_the_difference(rmse, words):
     with pytest.raises(InputError, match=words):
         trial(3, rmse)
 
 
-def test_a_trial_reports_invalid_input_but_not_other_failures():
+def test_a_trial_of_user_systems_reports_invalid_input_but_not_other_failures():
     trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: cursed")
     with pytest.raises(InputError, match="^the wings are missing$"):
         trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", invalid_input=True)
@@ -627,7 +627,7 @@ def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
     attempts, seen = tmp_path / "attempts", []
     attempts.mkdir()
     monkeypatch.setattr(run_module, "fly_batch", Failing(attempts, "raises", 99))
-    run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *told: seen.append(told))
+    run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *counts: seen.append(counts))
     assert seen == [(0, 8), (4, 8), (6, 8), (7, 8), (8, 8)]
 
 
@@ -635,7 +635,7 @@ def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
 def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
     given_up = []
 
-    class Here(PoolWithOutcome):
+    class Here(PoolWithGivenOutcome):
         def submit(self, function, given):
             self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
 
@@ -703,7 +703,7 @@ def test_sobol_draws_do_not_change_wind_and_noise():
         ({"draws": "sobol", "num_samples": 64, "until": ["rmse ± 1 %"]}, "a study with sobol draws cannot end early"),
     ],
 )
-def test_impossible_draws_are_refused(options, words):
+def test_draws_that_do_not_fit_the_study_are_refused(options, words):
     with pytest.raises(InputError, match=words):
         run(**options)
     with pytest.raises(InputError, match="hover contains no distribution, so sobol draws have no effect"):

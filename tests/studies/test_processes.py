@@ -38,8 +38,8 @@ def clock(monkeypatch):
     return found
 
 
-def done_by(workers, function, given):
-    """Submit a task and return the outcomes of the tasks that are done."""
+def submit_and_wait(workers, function, given):
+    """Submit a task to worker processes, wait, and return the outcomes of the tasks that have ended."""
     workers.submit(function, given)
     return workers.next_outcomes()
 
@@ -145,9 +145,9 @@ def test_a_time_limit_must_be_positive(limit):
 
 def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
     with Workers(2, time_limit=20.0) as workers:
-        ((_, first, *_),) = done_by(workers, process_number, None)
+        ((_, first, *_),) = submit_and_wait(workers, process_number, None)
         assert not workers.forks_workers
-        ((_, again, *_),) = done_by(workers, process_number, None)
+        ((_, again, *_),) = submit_and_wait(workers, process_number, None)
         assert first == again != os.getpid()
         for _ in range(2):
             workers.submit(meet, tmp_path)
@@ -192,7 +192,7 @@ def test_the_wait_ends_at_the_first_deadline(monkeypatch):
 def test_abandoning_tasks_keeps_idle_processes():
     with Workers(2) as workers:
         workers.submit(hang, 1)
-        ((given, *_),) = done_by(workers, process_number, 2)
+        ((given, *_),) = submit_and_wait(workers, process_number, 2)
         assert given == 2
         busy, idle = (worker.process for worker in workers._workers)
         workers.abandon()
@@ -236,19 +236,19 @@ def test_without_a_time_limit_a_task_never_times_out(clock):
 
 def test_a_process_that_ends_fails_only_its_task():
     with Workers(1, time_limit=20.0) as workers:
-        assert done_by(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
-        (outcome,) = done_by(workers, process_number, None)
+        assert submit_and_wait(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
+        (outcome,) = submit_and_wait(workers, process_number, None)
         assert outcome.reason == ""
 
 
 def test_a_process_that_ended_while_idle_fails_the_next_task():
     with Workers(1, time_limit=20.0) as workers:
-        ((_, number, *_),) = done_by(workers, process_number, None)
+        ((_, number, *_),) = submit_and_wait(workers, process_number, None)
         process = workers._workers[0].process
         os.kill(number, signal.SIGKILL)
         process.join()
         reason = "the worker process ended due to the signal SIGKILL"
-        assert done_by(workers, process_number, 3) == [Outcome(3, reason=reason)]
+        assert submit_and_wait(workers, process_number, 3) == [Outcome(3, reason=reason)]
 
 
 def test_processes_that_end_at_once_are_not_restarted_forever(monkeypatch):
@@ -262,16 +262,16 @@ def test_processes_that_end_at_once_are_not_restarted_forever(monkeypatch):
 def test_a_task_that_cannot_be_unpickled_fails_and_the_process_continues():
     with Workers(1, time_limit=20.0) as workers:
         unreadable = Unreadable()
-        (outcome,) = done_by(workers, process_number, unreadable)
+        (outcome,) = submit_and_wait(workers, process_number, unreadable)
         assert (outcome.argument, outcome.result) == (unreadable, None)
         assert outcome.reason.endswith(": ArithmeticError: the sheet is torn")
-        ((_, number, *_),) = done_by(workers, process_number, None)
+        ((_, number, *_),) = submit_and_wait(workers, process_number, None)
         assert number == workers._workers[0].process.pid
 
 
-def test_a_worker_ignores_ctrl_c_and_freezes_inherited_objects():
+def test_a_worker_ignores_ctrl_c_and_excludes_inherited_objects_from_garbage_collection():
     with Workers(1, time_limit=20.0) as workers:
-        ((_, (handler, frozen), *_),) = done_by(workers, settings, None)
+        ((_, (handler, frozen), *_),) = submit_and_wait(workers, settings, None)
     assert handler == signal.SIG_IGN
     assert frozen > gc.get_freeze_count()
     assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
@@ -300,7 +300,7 @@ class Pipe:
 
 
 def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
-    """The argument is not sent back, since the parent process already has it."""
+    """The process first returns the outcome of its task, without the argument, which the parent process already has."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
     pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:

@@ -31,7 +31,7 @@ def test_a_probability_agrees_with_plain_sampling(scenario, risk):
 
 
 @pytest.mark.long
-def test_worst_samples_fly_again_with_the_same_metric(risk):
+def test_repeated_flights_of_the_worst_samples_have_the_same_metric(risk):
     values = sorted((run.performance.max() for run in risk.runs), reverse=True)
     assert len(risk.scenarios) == 3
     for each, performance in zip(risk.scenarios, values, strict=False):
@@ -68,7 +68,7 @@ def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scen
 
 
 @pytest.mark.slow
-def test_an_impossible_event_is_refused_with_the_largest_value_that_was_reached(monkeypatch):
+def test_an_event_that_is_too_rare_is_refused_with_the_largest_value_that_was_reached(monkeypatch):
     monkeypatch.setattr(subset_simulation, "_MAX_LEVELS", 3)
     quiet = load_scenario("hover", ["duration=0.1", MASS_DISTRIBUTION])
     with pytest.raises(InputError, match=r"peak_error > 4 is too rare: a run ended without .* and peak_error = "):
@@ -91,7 +91,7 @@ def test_a_text_that_is_not_an_event_is_refused(scenario, text, words):
         Event.parse(text, scenario)
 
 
-def test_performances_are_not_negative_if_the_event_occurs():
+def test_the_performance_of_a_flight_is_negative_unless_the_event_occurs():
     scenario = load_scenario("hover", ["requirements={near: {always: {signal: position_error, below: 0.1}}}"])
     kind = scenario.metrics_type
     values = {name: np.zeros(3) for name in kind._fields}

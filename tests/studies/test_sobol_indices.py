@@ -20,7 +20,10 @@ def scenario():
 
 @pytest.fixture
 def evaluated(monkeypatch):
-    """Return a function that replaces the flights by a function of three parameters and the noise, all in [0, 1]."""
+    """Return a function that replaces flights with a given formula.
+
+    The arguments of the formula are three parameters and the noise, all in [0, 1].
+    """
 
     def replace(function, crashed=lambda points: np.zeros(len(points), dtype=bool)):
         class Evaluator:
@@ -54,8 +57,8 @@ def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario
         assert indices[name].total.low - 1e-9 <= total <= indices[name].total.high + 1e-9
 
 
-def test_the_noise_is_one_random_number(scenario, evaluated):
-    """Each term of a sum of independent numbers explains its own variance, and has no interactions."""
+def test_the_noise_has_indices_like_a_single_parameter(scenario, evaluated):
+    """The metric is the sum of a parameter and the noise. Each of them explains its own variance."""
     evaluated(lambda points, noise: 2.0 * points[:, 0] + noise)
     first, second, *others = sobol_indices(scenario, "rmse", num_points=1024)
     assert (first.name, second.name) == ("a", NOISE)
@@ -64,7 +67,7 @@ def test_the_noise_is_one_random_number(scenario, evaluated):
     assert all(abs(each.total.value) < 1e-9 for each in others)
 
 
-def test_crashes_have_indices_and_other_metrics_are_refused_if_a_flight_crashes(scenario, evaluated):
+def test_sobol_indices_of_other_metrics_than_crashed_are_refused_if_a_flight_crashes(scenario, evaluated):
     evaluated(lambda points, noise: points[:, 1], crashed=lambda points: points[:, 2] > 0.8)
     first, *_ = sobol_indices(scenario, CRASHED, num_points=256)
     assert (first.name, first.total.value) == ("c", pytest.approx(1.0, abs=0.05))
@@ -93,7 +96,9 @@ def test_metrics_without_a_variance_are_refused(scenario, evaluated, function, w
         ("rmse", 4, "num_points is 4, but must be at least 8"),
     ],
 )
-def test_impossible_indices_are_refused(scenario, metric, num_points, words):
+def test_sobol_indices_are_refused_for_unknown_metrics_and_invalid_numbers_of_points(
+    scenario, metric, num_points, words
+):
     with pytest.raises(InputError, match=words):
         sobol_indices(scenario, metric, num_points=num_points)
 

@@ -148,7 +148,7 @@ def test_negative_and_positive_influences_count_equally():
     assert found[0].correlation.value < -0.9
 
 
-def test_a_parameter_whose_small_and_large_values_matter_equally_is_influential():
+def test_a_parameter_is_influential_if_its_small_and_large_values_have_the_same_effect():
     """A centre of mass on either side of the middle increases the error. Its rank correlation is nearly zero."""
     rng = np.random.default_rng(2)
     offset, mass, lag = rng.uniform(-1.0, 1.0, size=(3, 400))
@@ -241,7 +241,7 @@ def test_intervals_have_the_given_confidence():
 
 
 def test_influences_exclude_crashed_flights():
-    """If the crash and the flight without counted ticks are excluded, the mass is the most influential parameter."""
+    """Without the crashed flight and the flight with an RMSE of NaN, the mass is the most influential parameter."""
     mass = np.arange(20.0)
     rmse = 1.0 + mass
     rmse[[4, 7]] = -50.0, math.nan
@@ -270,7 +270,7 @@ def test_samples_without_a_metric_come_last_among_the_worst_samples():
 
 
 def test_the_statistics_of_sobol_draws_follow_from_their_replicates():
-    """If the samples of each replicate are equal, they count once."""
+    """Each replicate contains five equal samples, so the statistics are those of one sample per replicate."""
     rng = np.random.default_rng(3)
     rmse, baseline, crashed = rng.gamma(3.0, 0.02, 20), rng.gamma(3.0, 0.02, 20), rng.random(20) < 0.3
 

@@ -29,7 +29,7 @@ def test_a_study_ends_at_the_first_checkpoint_at_which_its_rules_are_met(scenari
     for count in counts[: counts.index(end) + 1]:
         met = all(rule.is_met(study.metrics.take(slice(count))) for rule in parsed)
         assert met == (count == end)
-    # The end depends neither on the batches nor on an interruption.
+    # The number of samples depends neither on the batches nor on an interruption.
     other = run_monte_carlo(scenario, 5000, num_workers=2, batch_size=100, until=rules)
     assert np.array_equal(other.metrics.rmse, study.metrics.rmse)
     resumed = run_monte_carlo(scenario, 5000, num_workers=1, until=rules, folder=tmp_path, resume=True)
@@ -69,7 +69,7 @@ def test_checkpoints_grow_and_end_at_the_number_of_samples():
         ("near +/- 2 %", ("near", 0.02, True)),
     ],
 )
-def test_rules_are_parsed(scenario, text, expected):
+def test_stopping_rules_are_parsed(scenario, text, expected):
     rule = StoppingRule.parse(text, scenario)
     assert rule == (expected[0], pytest.approx(expected[1]), expected[2])
 
@@ -84,6 +84,6 @@ def test_rules_are_parsed(scenario, text, expected):
         ("speed ± 1 %", "speed is not crash, a requirement or a metric of robustness; choose from near, rmse"),
     ],
 )
-def test_wrong_rules_are_refused(scenario, text, message):
+def test_invalid_stopping_rules_are_refused(scenario, text, message):
     with pytest.raises(InputError, match=message):
         StoppingRule.parse(text, scenario)

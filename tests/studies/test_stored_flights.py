@@ -67,7 +67,7 @@ def search(scenario, tmp_path, monkeypatch):
     return evaluate
 
 
-def test_values_belong_to_their_points(search):
+def test_each_flight_has_the_value_of_its_own_point(search):
     values, flown = search()
     np.testing.assert_array_equal(values, POINTS.sum(axis=1) + NUMBERS)
     assert sorted(flown) == sorted(POINTS.tolist())
@@ -112,7 +112,7 @@ def test_a_search_with_other_settings_or_points_is_not_continued(search, tmp_pat
         search(metric="rmse")
     with pytest.raises(InputError, match="contains a different study: its metric is rmse, not peak_error"):
         search(metric="peak_error", resume=True)
-    with pytest.raises(InputError, match="flight 0 of the earlier run had another point"):
+    with pytest.raises(InputError, match="since flight 0 of the earlier run had other random numbers"):
         search(1.0 - POINTS, metric="rmse", resume=True)
     (tmp_path / FLIGHTS_FILE).unlink()
     with pytest.raises(InputError, match="study.yaml exists already and is not overwritten"):

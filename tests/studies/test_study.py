@@ -35,7 +35,7 @@ def test_a_file_that_is_not_a_record_is_refused(tmp_path, text):
         read_record(tmp_path)
 
 
-def test_a_study_that_is_read_has_no_flown_time(tmp_path):
+def test_a_study_read_from_files_has_a_simulated_time_of_zero(tmp_path):
     scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
     assert run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1).simulated_time > 0.0
     assert read_study(tmp_path).simulated_time == 0.0
@@ -77,8 +77,11 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     )
 
 
-def test_drawn_values_are_compared_to_the_number_of_written_digits(two_masses):
-    """Twelve digits are written, so a row is invalid if a drawn value differs from the seed's in the eleventh digit."""
+def test_drawn_values_are_checked_to_the_precision_of_the_results_file(two_masses):
+    """The file contains twelve digits.
+
+    If a drawn value differs in the eleventh digit from the value that the seed gives, its row is invalid.
+    """
     samples = [4, 0, 2]
     rows = study_rows(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12

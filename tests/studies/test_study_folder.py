@@ -35,7 +35,7 @@ def table(samples, crash_time=math.inf, value=0.5):
 
 
 def test_a_sample_counts_as_present_whatever_its_values(hover):
-    """This includes samples without counted ticks, which have no error."""
+    """This includes samples whose metrics are NaN, because no tick was in the metric window."""
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing(5)], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
@@ -192,9 +192,9 @@ def test_the_first_difference_is_named_by_its_path(before, now, words):
     assert _difference(before, now) == words
 
 
-def test_a_record_lists_each_kind_of_diagram_once(hover, tmp_path):
-    told = []
+def test_the_record_of_a_study_lists_each_kind_of_flown_diagram_once(hover, tmp_path):
+    flown_kinds = []
     for compiled in (True, False, True):
         with open_any(tmp_path, hover, 3, 2.0, UserSystems(), compiled=compiled, resume=True):
-            told.append(read_record(tmp_path).flown)
-    assert told == [["compiled"], ["compiled", "wired"], ["wired", "compiled"]]
+            flown_kinds.append(read_record(tmp_path).flown)
+    assert flown_kinds == [["compiled"], ["compiled", "wired"], ["wired", "compiled"]]

@@ -131,7 +131,7 @@ def test_a_study_is_read_from_its_folder_and_from_any_file_in_it(folders, file):
     assert read_study(folders / "indi" / file).scenario.seed == 1
 
 
-def test_a_study_is_read_from_the_folder_that_has_only_this_one(folders, tmp_path):
+def test_a_study_is_read_from_its_parent_folder_if_this_contains_no_other_study(folders, tmp_path):
     (tmp_path / "alone").symlink_to(folders / "pd")
     (tmp_path / "notes").mkdir()
     found = read_study(tmp_path)
@@ -144,7 +144,7 @@ def test_samples_that_could_not_be_flown_are_read(folders):
     assert read_study(folders / "pd").failures == {}
 
 
-def test_several_studies_are_read_by_the_names_of_their_folders(folders):
+def test_read_studies_names_each_study_after_its_folder(folders):
     found = read_studies(folders)
     assert {name: study.scenario.seed for name, study in found.items()} == {"indi": 1, "pd": 0}
     assert [*read_studies(folders / "pd")] == ["pd"]
@@ -154,7 +154,7 @@ def test_several_studies_are_read_by_the_names_of_their_folders(folders):
         read_study(folders)
 
 
-def test_a_path_that_is_not_a_study_is_described(tmp_path):
+def test_a_path_that_is_not_a_study_is_refused_with_what_it_contains(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="empty is not the folder of a study, .* results.csv, .*; it is empty"):
         read_study(tmp_path / "empty")

@@ -152,7 +152,7 @@ def test_an_overview_without_requirements_and_additional_metrics_is_empty():
     assert overview_table({"one": study(4, 0), "other": study(4, 1)}).rows == []
 
 
-def test_intervals_of_positive_means_are_student_s_cut_at_zero():
+def test_the_interval_of_a_positive_mean_is_student_s_interval_without_its_negative_part():
     found = without_negative_part(mean_interval(np.array([0.1, 0.3])))
     assert found == pytest.approx((0.2, 0.0, 0.2 + 12.706 * 0.1), rel=1e-4)
     values = np.random.default_rng(0).gamma(3.0, 0.02, 200)
@@ -175,7 +175,7 @@ def test_the_interval_of_a_mean_fraction_lies_within_0_and_1_and_has_its_nominal
     assert 0.92 < np.mean([low <= truth <= high for _, low, high in found]) < 0.985
 
 
-def test_a_mean_fraction_of_0_or_1_is_bounded_by_the_probability_of_other_values():
+def test_a_mean_fraction_of_0_or_1_has_the_interval_of_a_proportion():
     assert bounded_mean_interval(np.zeros(100)) == proportion_interval(0, 100)
     assert bounded_mean_interval(np.ones(100)) == proportion_interval(100, 100)
     assert math.isnan(bounded_mean_interval(np.zeros(1)).high)
@@ -186,7 +186,7 @@ def test_a_mean_fraction_of_0_or_1_is_bounded_by_the_probability_of_other_values
 
 
 def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
-    """The odds of the ends would overflow for two values and a confidence close to 1."""
+    """With two values and a confidence close to 1, the odds p / (1 - p) at the ends of the interval would overflow."""
     assert bounded_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
 
 
@@ -251,7 +251,7 @@ def test_a_parameter_that_is_not_drawn_has_no_crash_bins():
         crash_bins(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
 
 
-def test_the_most_influential_parameter_is_random_in_every_study():
+def test_the_most_influential_parameter_is_chosen_from_those_that_are_random_in_every_study():
     rng = np.random.default_rng(4)
     mass, drag = rng.permutation(100) / 100.0, rng.permutation(100) / 100.0
     light, draggy = mass < 0.3, drag > 0.7

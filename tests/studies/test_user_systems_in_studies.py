@@ -150,7 +150,7 @@ def test_code_that_fails_after_the_trial_fails_its_batch_but_not_the_study():
 
 
 @pytest.mark.long
-def test_a_system_that_mixes_vehicles_may_fly_one_vehicle():
+def test_a_system_that_mixes_the_columns_of_vehicles_is_accepted_in_batches_of_one():
     assert not run(position_controller=Mixes, batch_size=1).failures
 
 
@@ -195,7 +195,10 @@ def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
 
 @pytest.mark.long
 def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
-    """The halves of the batch fly. The fake clock reaches the limit as soon as a task hangs, on any machine."""
+    """After the time limit, the study flies the two halves of the batch, which do not hang.
+
+    A fake clock exceeds the time limit as soon as a task hangs, so the test does not depend on the machine.
+    """
     file = tmp_path / "hangs"
 
     class Clock:

@@ -54,7 +54,7 @@ def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, si
     assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
     flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
     assert sorted(flown) == sorted(set(range(40)) - cursed)
-    # The number of flights per failure is limited by the number of halvings.
+    # A failing sample causes at most two further flights each time that its batch is halved.
     assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
 
 
@@ -98,11 +98,11 @@ def test_invalid_input_in_a_sample_ends_the_study(make):
 @pytest.mark.parametrize(
     "make", [lambda: InProcessPool(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)]
 )
-def test_system_exit_becomes_an_outcome(make):
+def test_a_task_that_raises_system_exit_is_reported_as_failed(make):
     pool = make()
     (outcome,) = fly_batches(pool, leaving, [[4]])
     assert (outcome.argument, outcome.result) == ([4], None)
-    # A new process does not inherit the fixture of this file, so its message may contain file and line.
+    # The fixture `package_functions` is not active in a new process, where file and line precede the message.
     assert re.fullmatch(r"(\S*test_worker_pool\.py:\d+: )?SystemExit: 3", outcome.reason)
     pool.abandon()
 
@@ -132,7 +132,7 @@ def test_the_reason_for_a_failure_is_shortened_to_one_line():
 
 
 @pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
-def test_a_reason_for_a_failure_of_three_hundred_characters_is_not_shortened(length, shown):
+def test_the_reason_for_a_failure_is_shortened_only_beyond_300_characters(length, shown):
     def complain(samples):
         raise ValueError("x" * length)
 
@@ -216,7 +216,7 @@ def sleep_for_ever(samples):
 
 
 @pytest.mark.parametrize("kind", [ArithmeticError, InputError])
-def test_an_error_in_the_user_s_code_has_its_file_and_line_as_reason(monkeypatch, kind):
+def test_the_reason_for_a_failure_in_the_user_s_code_begins_with_file_and_line(monkeypatch, kind):
     monkeypatch.setattr(user_code, "_LIBRARIES", ())
 
     def complain(samples):

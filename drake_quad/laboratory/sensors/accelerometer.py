@@ -88,7 +88,7 @@ def next_accelerometer_memory(
     acceleration: VehicleAcceleration,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the internal state of the sensor at the next reading; `memory` is the state at the previous one."""
+    """Return the internal state of the sensor at the next reading; `memory` is the state at the previous reading."""
     force = specific_force(state, acceleration, parameters.position, parameters.gravity)
     return next_memory(parameters.errors, noise, memory, force, rotor_speed)
 

@@ -95,7 +95,7 @@ class BarometerMemory(NamedTuple):
 
 
 def barometer_noise(parameters: BarometerParameters) -> BarometerNoise:
-    """Return the noise record of a barometer with given parameters, filled with zeros."""
+    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
     return BarometerNoise(0.0, None if parameters.errors.drift is None else 0.0)
 
 
@@ -116,7 +116,7 @@ def next_barometer_memory(
     state: State,
     wind: Wind | None,
 ) -> BarometerMemory:
-    """Return the slowly varying errors at the next reading; `memory` contains those at the previous one."""
+    """Return the slowly varying errors at the next reading; `memory` contains the errors at the previous reading."""
     drift = parameters.errors.drift
     if drift is None or noise is None or noise.drift is None or memory.drift is None:
         return memory

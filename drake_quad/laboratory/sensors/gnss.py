@@ -138,7 +138,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def gnss_noise(parameters: GnssParameters) -> GnssNoise:
-    """Return the noise record of a sensor with given parameters, filled with zeros."""
+    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
     return GnssNoise(
         Fix(*(0.0,) * 6),
         None if parameters.errors.position_drift is None else _ZERO,
@@ -160,7 +160,7 @@ def first_gnss_memory(parameters: GnssParameters, noise: GnssNoise | None, state
 def next_gnss_memory(
     parameters: GnssParameters, noise: GnssNoise | None, memory: GnssMemory, state: State
 ) -> GnssMemory:
-    """Return the slowly varying errors at the next reading; `memory` contains those at the previous one."""
+    """Return the slowly varying errors at the next reading; `memory` contains the errors at the previous reading."""
     if noise is None:
         return memory
     drift, jumped = memory

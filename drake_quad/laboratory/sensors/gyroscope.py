@@ -58,7 +58,7 @@ def next_gyroscope_memory(
     state: State,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the internal state of the sensor at the next reading; `memory` is the state at the previous one."""
+    """Return the internal state of the sensor at the next reading; `memory` is the state at the previous reading."""
     return next_memory(parameters.errors, noise, memory, _rates(state), rotor_speed)
 
 

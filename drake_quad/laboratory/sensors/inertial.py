@@ -151,7 +151,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def inertial_noise(parameters: Any) -> InertialNoise:
-    """Return the noise record of a sensor with given parameters, filled with zeros."""
+    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
     errors = parameters.errors
     return InertialNoise(
         _ZERO,
@@ -182,7 +182,7 @@ def next_memory(
     measured: Vector,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the internal state of a sensor at the next reading; `memory` is the state at the previous one."""
+    """Return the internal state of a sensor at the next reading; `memory` is the state at the previous reading."""
     drift, walk, warm_up, filtered, phases = memory
     if errors.bias_instability is not None and noise is not None:
         deviation, correlation = errors.bias_instability

@@ -14,7 +14,8 @@ from drake_quad.laboratory.sensors.mounting import SensorPosition, axes_of, plac
 from drake_quad.laboratory.sensors.sensor import Sample, SensorLaw
 from drake_quad.signals import Number, PositionW, Quantity, Row, State
 
-# Smallest cosine of the tilt and smallest distance (m) in divisions. Readings below them are missing.
+# Lower bounds of the cosine of the tilt and of the distance (m), which are used as divisors. Readings are missing if
+# the cosine is not above its bound.
 _MIN_COSINE = 1e-3
 MIN_DISTANCE = 1e-3
 

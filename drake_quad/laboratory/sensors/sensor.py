@@ -202,7 +202,7 @@ def next_reading(
     Args:
         structure: properties of the sensor.
         out: reading that the output contained before the update; None if no reading can be missing.
-        in_transit: earlier readings that are not yet available, the latest one first.
+        in_transit: earlier readings that are not yet available, latest reading first.
         valid_in_transit: validity of these readings.
         memory: memory at the previous reading.
         parameters: parameters of the measurement law.

@@ -93,7 +93,8 @@ class UwbNoise(NamedTuple):
 
     Attributes:
         white: sample for the white noise.
-        outlier_rate: samples for an outlier.
+        outlier_rate: samples that determine whether the reading is an outlier, and its size; None if outliers are
+            switched off.
     """
 
     white: Number
@@ -101,7 +102,7 @@ class UwbNoise(NamedTuple):
 
 
 def uwb_noise(parameters: UwbParameters) -> UwbNoise:
-    """Return the noise record of a sensor with given parameters, filled with zeros."""
+    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
     return UwbNoise(0.0, None if parameters.errors.outlier_rate is None else OutlierNoise(0.0, 0.0))
 
 

@@ -100,7 +100,11 @@ class FreeBody(NamedTuple):
 
 
 def rotor_forces(rotor: Any, unbalance: Row) -> tuple[Vector, Vector, Vector]:
-    """Return the amplitudes of the three periodic forces of a rotor per squared speed: u X, u s Y and b Z."""
+    """Return the amplitudes of the three periodic forces of a rotor, divided by the squared rotor speed.
+
+    The amplitudes are u along x, u s along y and b along z, with the unbalance u, the direction of rotation s and the
+    thrust factor b.
+    """
     return (
         Vector(unbalance, 0.0, 0.0),
         Vector(0.0, unbalance * rotor.direction, 0.0),

@@ -35,9 +35,9 @@ WIND_AT_20_FEET = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0
 MIN_HEIGHT = 10.0 * FOOT
 # Smallest speed at which the turbulence moves past the vehicle, m/s. At zero speed, the turbulence would be constant.
 MIN_AIRSPEED = 1.0
-# Factors of the filter states f and g in the turbulence across the mean wind, which is σ (√3 f + (1 - √3) g) / √2.
-_F_FACTOR = math.sqrt(1.5)
-_G_FACTOR = math.sqrt(0.5) - math.sqrt(1.5)
+# The turbulence across the mean wind is σ (√3 f + (1 - √3) g) / √2, where f and g are the states of the filter.
+_F_FACTOR = math.sqrt(1.5)  # factor of f in the turbulence, √3 / √2
+_G_FACTOR = math.sqrt(0.5) - math.sqrt(1.5)  # factor of g in the turbulence, (1 - √3) / √2
 
 
 class PerDirection(NamedTuple):
@@ -95,11 +95,11 @@ class TurbulenceParameters(NamedTuple):
 
 
 class AxisFilter(NamedTuple):
-    """Discrete-time filter along the mean wind.
+    """Discrete-time filter along the mean wind, f⁺ = p f + b n with standard normal n.
 
     Attributes:
-        p: factor by which f decays over a sampling interval.
-        b: standard deviation of the noise of f.
+        p: factor by which the state f decays over a sampling interval.
+        b: standard deviation of the noise that drives f.
     """
 
     p: Number
@@ -107,14 +107,16 @@ class AxisFilter(NamedTuple):
 
 
 class CrossAxisFilter(NamedTuple):
-    """Discrete-time filter on an axis across the mean wind.
+    """Discrete-time filter on an axis across the mean wind, with standard normal n_f and n_g.
+
+    The states f and g follow f⁺ = p f + b n_f and g⁺ = t f + p g + c n_f + d n_g.
 
     Attributes:
-        p: factor by which f and g decay over a sampling interval.
-        b: standard deviation of the noise of f.
-        t: coefficient η p of f in the equation of g.
-        c: coefficient, in the noise of g, of the normal sample that also drives f.
-        d: coefficient, in the noise of g, of an independent normal sample.
+        p: factor by which the states f and g decay over a sampling interval.
+        b: standard deviation of the noise that drives f.
+        t: coefficient of f in the equation of g, equal to η p.
+        c: coefficient, in the equation of g, of the noise sample n_f that also drives f.
+        d: coefficient, in the equation of g, of the independent noise sample n_g.
     """
 
     p: Number

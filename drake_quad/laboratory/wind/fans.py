@@ -124,7 +124,7 @@ def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
 def local_air(state: State, jets: tuple[Jet, ...]) -> LocalAir:
     """Return the sum of all jets at the position of a vehicle."""
     x = y = z = variance = rate = 0.0
-    # The first jet is added last. The order only affects rounding.
+    # The jets are added in reverse order. The order only affects rounding errors of the sum.
     for jet in reversed(jets):
         speed, half_width = jet_speed(state, jet)
         deviation = jet.turbulence * speed

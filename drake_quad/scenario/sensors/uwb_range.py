@@ -18,7 +18,7 @@ from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 @SENSORS.register
 class UwbRangeSettings(SensorSettings):
-    """Ultra-wideband radio, which measures the distance to one anchor. Several anchors are several sensors."""
+    """Ultra-wideband radio, which measures the distance to one anchor. Add one sensor for each anchor."""
 
     kind: Literal["uwb_range"]
     anchor: Position = Field(default=(0.0, 0.0, 0.0), description="position of the anchor in W (m)")

@@ -96,7 +96,7 @@ def test_the_bias_instability_is_stationary_from_the_first_reading_on():
 
 
 def test_the_low_pass_filter_agrees_with_an_independent_solution_of_its_differential_equation():
-    """`scipy.signal.lsim` integrates for an input that is linear between its samples, too."""
+    """Both the filter and `scipy.signal.lsim` take the input as linear between its samples."""
     bandwidth, period, n = 31.0, 0.01, 100
     inputs = np.random.default_rng(4).normal(size=(n, 3))
     filtered = readings(n, rates=lambda k: inputs[k], bandwidth=bandwidth, period=period)[..., 0]

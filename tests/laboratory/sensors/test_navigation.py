@@ -220,8 +220,8 @@ def test_ranges_to_four_anchors_yield_the_position_of_the_antenna():
     assert not UWB_RANGE.formula(parameters_of("uwb_range", max_distance=1.0), None, state).valid
 
 
-def test_outliers_of_a_range_are_too_long_and_have_the_given_probability():
-    """The mean of an outlier is √(2/π) times its standard deviation. Other readings are exact."""
+def test_outliers_of_a_range_sensor_are_too_long_and_have_the_given_probability():
+    """The mean error of an outlier is √(2/π) times `outlier_size`. Other readings are exact."""
     parameters = parameters_of("uwb_range", outlier_rate=0.05, outlier_size=0.6)
     errors = series(UWB_RANGE, parameters, lambda k: (HOVER,), 20, 2000, seed=5) - 1.5
     share, n = np.mean(errors > 0.0), errors.size

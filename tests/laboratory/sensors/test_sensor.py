@@ -33,7 +33,7 @@ DROPOUT = FaultKind(is_reported=True, is_random=True)
 
 
 class Clock(NamedTuple):
-    """Reading of a sensor that measures the time, which the x coordinate of the state contains."""
+    """Reading of a sensor that measures the time. In these tests, the x coordinate of the state is the time."""
 
     time: Annotated[float, Quantity("s")]
 
@@ -73,8 +73,8 @@ def clock_signals():
     del SIGNALS["clock"], SIGNALS["clock_valid"]
 
 
-def flown(sensor, duration=1.0, num_vehicles=1):
-    """Return the outputs of a sensor just before its readings 1, 2, ..., as (T, components) arrays by port name."""
+def simulated_outputs(sensor, duration=1.0, num_vehicles=1):
+    """Return the simulated outputs of a sensor just before readings 1, 2, ..., as (T, components) arrays by port."""
     builder = DiagramBuilder()
     state = np.zeros((12 * num_vehicles, 2))
     state[:num_vehicles, 1] = 10.0
@@ -103,16 +103,16 @@ def clock(law=CLOCK, kind=None, fault=None, latency=0, num_vehicles=1):
 
 
 def test_a_failed_sensor_repeats_its_last_reading_and_reports_this():
-    flight = flown(clock(kind=FAILED, fault=SensorFault(0.25, 0.55, 1.0)))
+    outputs = simulated_outputs(clock(kind=FAILED, fault=SensorFault(0.25, 0.55, 1.0)))
     expected = [0.0, 0.1, 0.2, 0.2, 0.2, 0.2, 0.6, 0.7, 0.8, 0.9]
-    np.testing.assert_allclose(flight["clock"][:, 0], expected, atol=1e-12)
-    np.testing.assert_array_equal(flight["clock_valid"][:, 0], [1, 1, 1, 0, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_allclose(outputs["clock"][:, 0], expected, atol=1e-12)
+    np.testing.assert_array_equal(outputs["clock_valid"][:, 0], [1, 1, 1, 0, 0, 0, 1, 1, 1, 1])
 
 
 def test_a_frozen_sensor_repeats_its_last_reading_as_if_it_were_new():
-    flight = flown(clock(kind=FROZEN, fault=SensorFault(0.25, np.inf, 1.0)))
-    np.testing.assert_allclose(flight["clock"][:, 0], [0.0, 0.1, *[0.2] * 8], atol=1e-12)
-    np.testing.assert_array_equal(flight["clock_valid"], 1.0)
+    outputs = simulated_outputs(clock(kind=FROZEN, fault=SensorFault(0.25, np.inf, 1.0)))
+    np.testing.assert_allclose(outputs["clock"][:, 0], [0.0, 0.1, *[0.2] * 8], atol=1e-12)
+    np.testing.assert_array_equal(outputs["clock_valid"], 1.0)
 
 
 @pytest.mark.parametrize(
@@ -131,43 +131,45 @@ def test_a_fault_in_a_scenario_has_the_given_kind_interval_and_probability(setti
 
 
 def test_the_validity_of_a_reading_arrives_together_with_the_reading():
-    flight = flown(clock(kind=FAILED, fault=SensorFault(0.25, 0.45, 1.0), latency=2))
+    outputs = simulated_outputs(clock(kind=FAILED, fault=SensorFault(0.25, 0.45, 1.0), latency=2))
     expected = [0.0, 0.0, 0.0, 0.1, 0.2, 0.2, 0.2, 0.5, 0.6, 0.7]
-    np.testing.assert_allclose(flight["clock"][:, 0], expected, atol=1e-12)
-    np.testing.assert_array_equal(flight["clock_valid"][:, 0], [1, 1, 1, 1, 1, 0, 0, 1, 1, 1])
+    np.testing.assert_allclose(outputs["clock"][:, 0], expected, atol=1e-12)
+    np.testing.assert_array_equal(outputs["clock_valid"][:, 0], [1, 1, 1, 1, 1, 0, 0, 1, 1, 1])
 
 
 def test_a_sensor_that_has_no_first_reading_outputs_zero():
     """The clocks in this test add 7 s to the time, so that a reading of zero can only be a missing reading."""
     shifted = LATE_CLOCK._replace(formula=lambda _, noise, state: Sample(Clock(state.x + 7.0), state.x > 0.45))
-    flight = flown(clock(shifted))
-    np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [7.5, 7.6, 7.7, 7.8, 7.9], atol=1e-12)
-    np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0] * 5 + [1] * 5)
+    outputs = simulated_outputs(clock(shifted))
+    np.testing.assert_allclose(outputs["clock"][:, 0], [0.0] * 5 + [7.5, 7.6, 7.7, 7.8, 7.9], atol=1e-12)
+    np.testing.assert_array_equal(outputs["clock_valid"][:, 0], [0] * 5 + [1] * 5)
     failed = CLOCK._replace(formula=lambda _, noise, state: Clock(state.x + 7.0))
-    flight = flown(clock(failed, FAILED, SensorFault(0.0, np.inf, 1.0)))
-    assert not flight["clock"].any()
-    assert not flight["clock_valid"].any()
-    flight = flown(clock(failed, FROZEN, SensorFault(0.0, np.inf, 1.0)))
-    np.testing.assert_allclose(flight["clock"], 7.0)
+    outputs = simulated_outputs(clock(failed, FAILED, SensorFault(0.0, np.inf, 1.0)))
+    assert not outputs["clock"].any()
+    assert not outputs["clock_valid"].any()
+    outputs = simulated_outputs(clock(failed, FROZEN, SensorFault(0.0, np.inf, 1.0)))
+    np.testing.assert_allclose(outputs["clock"], 7.0)
 
 
 def test_a_missing_reading_of_a_frozen_sensor_is_not_valid():
-    flight = flown(clock(LATE_CLOCK, FROZEN, SensorFault(0.65, np.inf, 1.0)))
-    np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [0.5] + [0.6] * 4, atol=1e-12)
-    np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0] * 5 + [1] * 5)
+    outputs = simulated_outputs(clock(LATE_CLOCK, FROZEN, SensorFault(0.65, np.inf, 1.0)))
+    np.testing.assert_allclose(outputs["clock"][:, 0], [0.0] * 5 + [0.5] + [0.6] * 4, atol=1e-12)
+    np.testing.assert_array_equal(outputs["clock_valid"][:, 0], [0] * 5 + [1] * 5)
 
 
 def test_a_reading_can_be_missing_because_of_the_sensor_itself_or_because_of_a_fault():
-    flight = flown(clock(LATE_CLOCK, FAILED, SensorFault(0.65, 0.85, 1.0)))
-    np.testing.assert_allclose(flight["clock"][:, 0], [0.0] * 5 + [0.5, 0.6, 0.6, 0.6, 0.9], atol=1e-12)
-    np.testing.assert_array_equal(flight["clock_valid"][:, 0], [0, 0, 0, 0, 0, 1, 1, 0, 0, 1])
+    outputs = simulated_outputs(clock(LATE_CLOCK, FAILED, SensorFault(0.65, 0.85, 1.0)))
+    np.testing.assert_allclose(outputs["clock"][:, 0], [0.0] * 5 + [0.5, 0.6, 0.6, 0.6, 0.9], atol=1e-12)
+    np.testing.assert_array_equal(outputs["clock_valid"][:, 0], [0, 0, 0, 0, 0, 1, 1, 0, 0, 1])
 
 
 def test_readings_drop_out_with_the_given_probability_from_the_start_of_the_fault():
     """Different vehicles lose different readings. A lost reading repeats the previous one."""
     rate, vehicles = np.array([0.2] * 40 + [0.5] * 40), 80
-    flight = flown(clock(kind=DROPOUT, fault=SensorFault(2.0, np.inf, rate), num_vehicles=vehicles), 10.0, vehicles)
-    valid, readings = flight["clock_valid"], flight["clock"]
+    outputs = simulated_outputs(
+        clock(kind=DROPOUT, fault=SensorFault(2.0, np.inf, rate), num_vehicles=vehicles), 10.0, vehicles
+    )
+    valid, readings = outputs["clock_valid"], outputs["clock"]
     assert (valid[:20] == 1.0).all()
     for half, probability in ((slice(0, 40), 0.2), (slice(40, 80), 0.5)):
         lost = 1.0 - valid[20:, half]
@@ -177,10 +179,10 @@ def test_readings_drop_out_with_the_given_probability_from_the_start_of_the_faul
 
 
 def test_the_internal_state_advances_once_for_each_reading():
-    np.testing.assert_array_equal(flown(clock(COUNTER))["clock"][:, 0], np.arange(1.0, 11.0))
+    np.testing.assert_array_equal(simulated_outputs(clock(COUNTER))["clock"][:, 0], np.arange(1.0, 11.0))
     # The internal state also advances when a reading is missing.
-    flight = flown(clock(COUNTER, FAILED, SensorFault(0.25, 0.55, 1.0)))
-    np.testing.assert_array_equal(flight["clock"][:, 0], [1, 2, 3, 3, 3, 3, 7, 8, 9, 10])
+    outputs = simulated_outputs(clock(COUNTER, FAILED, SensorFault(0.25, 0.55, 1.0)))
+    np.testing.assert_array_equal(outputs["clock"][:, 0], [1, 2, 3, 3, 3, 3, 7, 8, 9, 10])
 
 
 def test_the_drift_is_stationary_and_independent_between_the_vehicles_of_a_fleet():
@@ -196,7 +198,7 @@ def test_the_drift_is_stationary_and_independent_between_the_vehicles_of_a_fleet
         errors=("position_drift",),
         parameters=GnssParameters(errors=errors),
     )
-    readings = flown(sensor, 0.65, vehicles)["clock"].reshape(6, 6, vehicles)
+    readings = simulated_outputs(sensor, 0.65, vehicles)["clock"].reshape(6, 6, vehicles)
     rows = readings[:, 1] / 2.0
     np.testing.assert_allclose((rows**2).mean(axis=1), 1.0, atol=5.0 * np.sqrt(2.0 / vehicles))
     correlations = [np.mean(rows[0] * rows[k]) for k in (1, 3, 5)]

@@ -158,5 +158,6 @@ def test_the_phase_after_a_change_of_speed_agrees_with_the_exact_integral():
         phases = next_phases(vibration, phases, RotorSpeed(*(speed,) * 4))
     exact = 400.0 * times[-1] - 100.0 * lag * (1.0 - np.exp(-times[-1] / lag))
     error = np.angle(np.exp(1j * (phases.phase.rotor_3 - exact)))
-    # The acceleration decays from 100 / T to zero. By the Euler-Maclaurin formula, the error is h²/12 times its change.
+    # The acceleration of the rotor decays from 100 / T to zero. By the Euler-Maclaurin formula, the error of the phase
+    # is h²/12 times the change of this acceleration.
     assert error == pytest.approx(-(period**2) / 12.0 * 100.0 / lag, rel=0.01)

@@ -83,7 +83,7 @@ def test_a_long_flight_in_turbulence_has_the_given_standard_deviation(period, du
     simulator.AdvanceTo(duration)
     record = log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
     np.testing.assert_allclose(record.std(axis=(1, 2)), NEAR_GROUND.deviation, rtol=0.03)
-    # The first samples have the same deviation, and the vehicles are independent.
+    # At the first sample, the standard deviation is the same as over all samples, and the vehicles are independent.
     np.testing.assert_allclose(record[:, :, 0].std(axis=1), NEAR_GROUND.deviation, rtol=0.06)
     assert abs(np.corrcoef(record[:, :-1, 0].ravel(), record[:, 1:, 0].ravel())[0, 1]) < 0.04
 
@@ -158,7 +158,7 @@ def test_length_scales_and_deviations_agree_with_the_specification():
     middle = Turbulence.at_low_altitude(height=100.0 * FOOT, wind_at_20_feet=10.0, airspeed=20.0)
     np.testing.assert_allclose(np.array(middle.length) / FOOT, [505.2, 505.2, 100.0], rtol=1e-4)
     np.testing.assert_allclose(middle.deviation, [1.7160, 1.7160, 1.0], rtol=1e-4)
-    # Below 10 feet, all are constant. The scenario language refuses such heights.
+    # Below 10 feet, length scales and deviations are those at 10 feet. The scenario language refuses such heights.
     for height in (0.5, 2.0):
         assert Turbulence.at_low_altitude(height=height, wind_at_20_feet=10.0, airspeed=0.0) == (
             Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=10.0, airspeed=1.0)

@@ -1,4 +1,4 @@
-"""Tests that jets agree with the formulas of free round jets, and that vehicles are in their wind."""
+"""Tests that jets agree with the formulas of free round jets, and that vehicles fly in the wind of these jets."""
 
 import math
 
@@ -86,7 +86,7 @@ def test_the_core_of_a_jet_has_the_exit_speed_and_joins_the_far_jet_smoothly():
 
 
 @pytest.mark.parametrize("along", [0.0, -0.01, -3.0])
-def test_the_air_behind_the_outlet_is_at_rest(along):
+def test_the_air_upstream_of_the_outlet_is_at_rest(along):
     for across in (0.0, 0.3, 2.0):
         mean, variance, rate = local_air(state_at(along, across), (JET,))
         assert (*mean, variance, rate) == (0.0, 0.0, 0.0, 0.0, 0.0)
