@@ -72,14 +72,15 @@ def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
 # Exponents (a1, a2) of the networks in Table II. Exponents of 1 give the triangular sets of type 1.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
 NOISE_LEVELS = (0.0, 0.001, 0.005, 0.01, 0.02)  # m, standard deviations of the position noise
-Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
+Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)  # values of the weight q of the lower memberships
 SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)  # 1/s, values of λ around the calibrated 1.975 1/s
 _POSITION = "control.position"
 _NETWORK = "control.network"
 # Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684. They are wide enough to contain the
 # gains with the smallest error.
 _GAIN_RANGES = (0.3, 20.0), (0.3, 12.0)
-# Narrower ranges around the best gains, which separate the best gains on straight lines from the best gains on curves.
+# Narrower ranges of k_P and k_D around the best gains. Their finer grid can distinguish the best gains on straight
+# lines from the best gains on curves.
 BEST_GAIN_RANGES = (2.5, 9.0), (1.0, 4.5)
 _EXPONENTS = dict(zip(("a1", "a2"), np.transpose([*EXPONENTS.values()]), strict=True))
 # Settings of the sweeps: all noise levels and all values of q are combined with all pairs of exponents.
