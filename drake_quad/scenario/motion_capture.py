@@ -70,7 +70,7 @@ class MotionCaptureSettings(Model):
         """Return the recipe to build the cameras of a fleet.
 
         Args:
-            fleet: cameras of a `Batch.fleet_scenario`.
+            fleet: cameras in `Batch.fleet_scenario`, in which random fields are arrays.
         """
 
         def any_of(*names: str) -> bool:

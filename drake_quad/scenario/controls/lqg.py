@@ -226,7 +226,7 @@ class LqgControl(Control):
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes to build the controller and for the network, if there is one."""
+        """Return the recipes to build the controller and, if it has one, its network."""
         structure = {
             "signal": setting.autopilot.command,
             "period": setting.frame,

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import mappings_in
 
-# First line of a saved scenario with kinds that the user's Python files register.
+# First line of a saved scenario that uses kinds from the user's Python files.
 _HEADER = "# This scenario needs the command-line options {}\n"
 _MAX_HEADER_LENGTH = 1000  # characters
 

@@ -65,7 +65,7 @@ AnyMetric = Annotated[MetricSettings, METRICS]
 
 
 class ValueSums(NamedTuple):
-    """Intermediate result of a rule that combines the values at the ticks."""
+    """Intermediate result of a `Reduction`, such as the sum of the values up to a tick."""
 
     value: Row
 
