@@ -60,7 +60,7 @@ class Runs(NamedTuple):
 
 
 class PublishedRow(NamedTuple):
-    """Printed values of a cell.
+    """Values that the paper prints for a cell of Table II.
 
     Attributes:
         rmse: RMS of the Euclidean error, m.
@@ -74,7 +74,7 @@ class PublishedRow(NamedTuple):
 
 
 def published_table() -> dict[Cell, PublishedRow]:
-    """Return the printed values by cell."""
+    """Return the values that the paper prints for each cell of Table II."""
     lines = {}
     text = files(__package__).joinpath("table_ii.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):

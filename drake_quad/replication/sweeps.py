@@ -41,19 +41,22 @@ class Sweep(Generic[MetricsType]):
 
 
 def num_rows(columns: Mapping[str, np.ndarray]) -> int:
-    """Return the common length of columns."""
+    """Return the number of rows of a table, given its columns by name."""
     return len(next(iter(columns.values())))
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the columns of a table with all pairs of rows of two tables. The row of the second table varies faster."""
+    """Combine each row of one table with each row of another table, and return the columns of the result.
+
+    From each row to the next, the row of the second table changes first.
+    """
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
 
 
 def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
-    """Read a sweep.
+    """Read a sweep from a file that `Sweep.save` wrote.
 
     Args:
         path: path of the CSV file.
@@ -100,7 +103,7 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RA
     return all_combinations({"k_p": k_p}, {"k_d": k_d})
 
 
-# Paths of the fields that are set to the value of each parameter.
+# For each parameter of a sweep, the paths of the fields that are set to its value.
 _FIELD_PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],

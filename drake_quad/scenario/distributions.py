@@ -209,7 +209,7 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {}
 
 
 def _named(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
-    """Add a distribution to `DISTRIBUTIONS`."""
+    """Add a class to `DISTRIBUTIONS`, under the name of its only field."""
     (name,) = model.model_fields
     DISTRIBUTIONS[name] = model
     return model
@@ -295,7 +295,7 @@ class Choice(Distribution):
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The numbers to choose from."""
+        """Numbers from which the distribution chooses."""
         return self.choice
 
     def __repr__(self) -> str:

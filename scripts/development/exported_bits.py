@@ -32,7 +32,7 @@ LABORATORIES = {
     "designed/priced": ["robustness"],
     "designed/robustness": ["robustness"],
 }
-# Scenarios that contain controllers of other files.
+# Scenarios that already contain a controller.
 SCENARIOS = [
     *("robustness", "onboard", "crazyswarm2:log08", "nanobench", "slalom"),
     *(f"bad_day:{name}" for name in ("crazyflie", "crazyflie_onboard", "hummingbird", "neural_fly", "racer")),

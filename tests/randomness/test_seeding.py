@@ -12,7 +12,7 @@ from drake_quad.randomness.seeding import child_words
     samples=st.lists(st.integers(0, 2**31 - 1), min_size=1, max_size=4),
     kind=st.integers(0, 2),
 )
-def test_words_agree_with_numpys_seed_sequence(entropy, samples, kind):
+def test_child_words_agree_with_numpys_seed_sequence(entropy, samples, kind):
     actual = child_words(entropy, np.array(samples), kind)
     for word, sample in zip(actual, samples, strict=True):
         sequence = np.random.SeedSequence(entropy, spawn_key=(sample, kind))

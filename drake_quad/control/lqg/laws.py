@@ -159,7 +159,7 @@ class ChainCommands(NamedTuple):
 
 
 class SentCommands(NamedTuple):
-    """Commands that have been sent.
+    """Commands that the regulator has sent at earlier ticks, some of which may be in transit.
 
     Attributes:
         commands: commands, the oldest first; the oldest command acts until the next tick.
@@ -199,7 +199,7 @@ class Deviations(NamedTuple):
 
 
 class RegulatorOutput(NamedTuple):
-    """Output of the regulator.
+    """Output of the regulator at a tick.
 
     Attributes:
         command: command u.
@@ -269,7 +269,7 @@ def regulator_output(
     parameters: LqgParameters,
     tick: float,
 ) -> RegulatorOutput:
-    """Return the output of the regulator.
+    """Return the output of the regulator at a tick.
 
     Args:
         estimate: current estimate.
@@ -501,7 +501,7 @@ def _accelerated(chain: Any, acceleration: Row, period: float) -> Any:
 
 
 def _at_rest(measurement: State, template: Estimate) -> Estimate:
-    """Return chains at rest at the measured position."""
+    """Return the state of chains at rest at the measured position."""
     positions = measurement.x, measurement.y, measurement.z
     chains = (chain._make([0.0] * len(chain)) for chain in template)
     return Estimate._make(chain._replace(position=position) for chain, position in zip(chains, positions, strict=True))
@@ -517,7 +517,7 @@ def _level_thrust(measurement: State, upward: Row) -> tuple[Row, Row]:
 
 
 def _feedback(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
-    """Return K [e; δu]."""
+    """Return the feedback K [e; δu] of a chain, given its deviation e and the deviations δu of its pending commands."""
     return dot((*loop.K, *loop.K_pending), (*e, *pending))
 
 

@@ -85,7 +85,7 @@ class Axis(Model):
 
     @abstractmethod
     def model(self) -> ContinuousModel:
-        """Return the model of the axis."""
+        """Return the continuous-time model of an axis, for which the gains are computed."""
 
     def loop(self, times: Timing, gravity: float) -> AxisLoop:
         """Design the Kalman filter and the regulator of the axis.

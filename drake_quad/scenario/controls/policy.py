@@ -22,7 +22,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 @CONTROLS.register
 class PolicyControl(Control):
-    """A trained network that replaces the position controller or, depending on `action`, all controllers on the ground."""
+    """A trained network that replaces the position controller or, depending on `action`, all control on the ground."""
 
     kind: Literal["policy"]
     policy: TrainedNetwork | None = Field(

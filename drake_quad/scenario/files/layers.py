@@ -101,7 +101,7 @@ def _is_distribution(fields: dict[str, Tree]) -> bool:
 def with_override(base: Tree, override: Tree) -> Tree:
     """Return a scenario with the fields of an override merged into it.
 
-    A layout with distances determines the arm length, so the arm length of the base is removed.
+    A layout with rotor distances determines the arm length, so the arm length of the base is removed.
     """
     fields = dict(base.value)
     for section in ("nominal", "vehicle"):
