@@ -79,7 +79,7 @@ def test_folders_import_only_from_folders_at_lower_levels():
 
 
 @pytest.mark.long
-def test_modules_outside_the_folders_do_not_import_folders():
+def test_modules_of_the_top_folder_do_not_import_subfolders():
     upward = [
         (module, target)
         for module, targets in imports().items()

@@ -57,7 +57,7 @@ def test_a_statement_loads_only_the_libraries_that_it_uses(loaded, index):
     assert not {*forbidden} & loaded[index]
 
 
-def test_the_stub_lists_the_public_names_with_their_modules():
+def test_the_type_stub_of_the_package_lists_the_public_names_with_their_modules():
     stub = ast.parse((ROOT / "drake_quad" / "__init__.pyi").read_text())
     public = {
         node.names[0].asname: f"drake_quad.{node.module}" for node in stub.body if isinstance(node, ast.ImportFrom)

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "drake_quad"
-# Beginnings of texts without a subject, for each type of text.
+# Patterns that match texts without a grammatical subject: first lines of docstrings, comments, and descriptions of
+# arguments in docstrings.
 FIRST_LINE_WITHOUT_SUBJECT = re.compile(r"(Of|What|Who|The same|How|Why|Where|Whether|By|As)\b|.*\?$")
 COMMENT_WITHOUT_SUBJECT = re.compile(r"# (Of|What|Whether|And|Nor|By which|Over which|To which|From which) ")
-ARGUMENT_WITHOUT_SUBJECT = re.compile(r"(of|that|to|by|which|what|how|likewise)\b")
+ARGUMENT_DESCRIPTION_WITHOUT_SUBJECT = re.compile(r"(of|that|to|by|which|what|how|likewise)\b")
 
 
 def texts_of(path: Path) -> list[tuple[str, str, int]]:
@@ -33,7 +34,7 @@ def texts_of(path: Path) -> list[tuple[str, str, int]]:
 def lacks_subject(kind: str, text: str) -> bool:
     patterns = {
         "first line": FIRST_LINE_WITHOUT_SUBJECT,
-        "argument": ARGUMENT_WITHOUT_SUBJECT,
+        "argument": ARGUMENT_DESCRIPTION_WITHOUT_SUBJECT,
         "comment": COMMENT_WITHOUT_SUBJECT,
     }
     return patterns[kind].match(text) is not None
@@ -63,5 +64,5 @@ def test_docstrings_and_comments_of_the_package_have_a_subject():
         ("argument", "sizes of the groups, samples.", False),
     ],
 )
-def test_the_check_recognises_texts_without_a_subject(kind: str, text: str, expected: bool):
+def test_the_check_recognises_texts_without_a_grammatical_subject(kind: str, text: str, expected: bool):
     assert lacks_subject(kind, text) == expected

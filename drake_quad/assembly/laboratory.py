@@ -114,7 +114,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """Return the true parameters of a scenario's vehicle, or of the vehicles in a `Batch.fleet_scenario`."""
+    """Return the true parameters of a scenario's vehicle, or of the vehicles in `Batch.fleet_scenario`."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -207,7 +207,7 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
     Args:
         scenario: scenario that contains the link.
-        fleet: settings of the link in a `Batch.fleet_scenario`.
+        fleet: settings of the link in `Batch.fleet_scenario`, in which random fields are arrays.
         yaw: yaw of the initial hover, rad.
     """
     link, nominal = scenario.laboratory.command_link, nominal_parameters(scenario)

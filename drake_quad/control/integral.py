@@ -17,7 +17,7 @@ Integration = Literal["forward_euler", "backward_euler"]
 
 
 class IntegralGains(NamedTuple):
-    """Gains of the integral.
+    """Gains and limit of an `IntegralCorrection`.
 
     Attributes:
         k_i: gains on the integrated position error, 1/s³.

@@ -139,10 +139,9 @@ CORES = {
 """Cores on which exported code can be emulated, by name: one with a unit for single, one for double precision."""
 CROSS_COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 _CROSS_FLAGS = (*COMPILER_FLAGS, "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections")
-# Binary logarithm of the simulated nanoseconds that an instruction takes. An instruction takes 32 ns. The timer of the
-# board runs at 25 MHz and counts every 40 ns.
-_ICOUNT_SHIFT = 5
-_INSTRUCTIONS_PER_COUNT = 40.0 / 2**_ICOUNT_SHIFT
+_ICOUNT_SHIFT = 5  # binary logarithm of the simulated nanoseconds that an instruction takes
+_TIMER_PERIOD = 40.0  # ns, time after which the timer of the board counts one; it runs at 25 MHz
+_INSTRUCTIONS_PER_COUNT = _TIMER_PERIOD / 2**_ICOUNT_SHIFT
 _MAX_SECONDS = 60.0  # time that an emulated step may take; a step takes milliseconds
 
 

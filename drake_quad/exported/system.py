@@ -57,21 +57,21 @@ class ExportedController(LeafSystem):
     def _declare_output(self, name: str, rows: slice) -> None:
         def calc(context: Context, output: BasicVector) -> None:
             # The code writes outputs only in some steps. In the others, they are computed here from the present state.
-            _, outputs = self._stepped(context, whole_divisor=True)
+            _, outputs = self._stepped(context, as_output_step=True)
             output.SetFromVector(outputs[rows].ravel())
 
         self.DeclareVectorOutputPort(name, (rows.stop - rows.start) * self.num_vehicles, calc)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        next_state, _ = self._stepped(context, whole_divisor=False)
+        next_state, _ = self._stepped(context, as_output_step=False)
         state.set_value(next_state.ravel())
 
-    def _stepped(self, context: Context, *, whole_divisor: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _stepped(self, context: Context, *, as_output_step: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return the next state and the outputs of a step, both as arrays (components, N).
 
         Args:
             context: context of the system.
-            whole_divisor: True to compute the step as if it were the last one in which the code writes its outputs.
+            as_output_step: True to use the step number of the latest step at which the code writes its outputs.
         """
         description, n = self.description, self.num_vehicles
         state = context.get_discrete_state(0).value().reshape(-1, n)
@@ -84,7 +84,7 @@ class ExportedController(LeafSystem):
             if description.num_states:
                 memory["numbers"] = state[:-1, vehicle]
             step = int(state[-1, vehicle])
-            memory["step"] = step - step % description.output_divisor if whole_divisor else step
+            memory["step"] = step - step % description.output_divisor if as_output_step else step
             after, out = self._running.step(memory.tobytes(), inputs[:, vehicle].tobytes())
             stepped = np.frombuffer(after, description.state_type)[0]
             next_state[:-1, vehicle] = stepped["numbers"] if description.num_states else []

@@ -139,8 +139,8 @@ def attitude_from_quarter_turn(tilt: ThrustTilt, yaw: Row) -> Attitude:
     """Return roll, pitch and yaw (zyx) of a body, given its yaw in the sequence zxy.
 
     Args:
-        tilt: roll and pitch (zyx), at the yaw ψ + π/2, of the axes that result from a rotation of the body's axes by
-            π/2 about z_B.
+        tilt: roll and pitch (zyx) of the turned axes, whose yaw is ψ + π/2. The turned axes result from a rotation of
+            the body's axes by π/2 about z_B.
         yaw: yaw ψ in the sequence zxy, rad.
     """
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt

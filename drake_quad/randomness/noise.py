@@ -57,9 +57,9 @@ def stream_numbers(
     """Return the random numbers of several streams.
 
     Args:
-        states: initial states of each stream, one for each period.
+        states: for each stream, a tuple with its initial state in each noise period; see `NoiseSource`.
         kinds: for each stream a tuple: number of random numbers per tick; True for normal numbers, or False for
-            uniform numbers; number of ticks in a period.
+            uniform numbers; number of ticks in a noise period.
         ticks: tick of each stream.
     """
     return tuple(
@@ -71,7 +71,7 @@ def stream_numbers(
 
 
 def state_in_period(states: tuple[StreamState, ...], tick: Tick, num_ticks: float) -> StreamState:
-    """Return the state of a stream for the period that contains a tick, given the number of ticks in a period."""
+    """Return the state of a stream in the noise period that contains a tick, given the number of ticks per period."""
     first, *others = states
     if not others:
         return first
@@ -99,11 +99,11 @@ class NoiseSource(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
-        noise_period: length of a period, s. A vehicle may use the noise of another sample in each period.
+        noise_period: length of a noise period, s. In each period, a vehicle can have the noise of a different sample.
         parameters: samples of the vehicles.
 
     Raises:
-        InputError: if the period is not a multiple of the period of a stream.
+        InputError: if the noise period is not a multiple of the period of a stream.
     """
 
     def declare(self, *, streams: Sequence[Stream], noise_period: float = math.inf, parameters: Samples) -> None:

@@ -40,7 +40,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
     Args:
         entropy: entropy, at least 0, or (n,) numbers below 2⁶³, one for each sample.
         samples: (n,) indices of samples, from 0 to 2³² - 1.
-        kind: number of the purpose of the random numbers, from 0 to 2³² - 1; see `StreamKind`.
+        kind: number that stands for the use of the random numbers, from 0 to 2³² - 1; see `StreamKind`.
     """
     words = [np.broadcast_to(word, len(samples)).astype(np.uint32) for word in _words(entropy)]
     words += [samples.astype(np.uint32), np.full(len(samples), kind, dtype=np.uint32)]

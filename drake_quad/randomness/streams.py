@@ -52,9 +52,9 @@ class Samples(NamedTuple):
 
     Attributes:
         seed: seed of all samples, or a tuple with the seed of each sample.
-        indices: index of the sample of each vehicle.
-        later: for each later period of length `period`, the indices of the vehicles' samples.
-        period: length of a period, s; infinite if there is only one period.
+        indices: index of the sample of each vehicle in the first period.
+        later: indices of the vehicles' samples in each period after the first; empty if there is only one period.
+        period: length of each period, s; infinite if there is only one period.
     """
 
     seed: Seeds
@@ -100,7 +100,7 @@ class StreamState(NamedTuple):
 
     @classmethod
     def of(cls, states: np.ndarray) -> "StreamState":
-        """Return the stream states of uint64 states."""
+        """Return a `StreamState` for states that are given as an array of uint64 numbers."""
         return cls(
             untyped((states >> _HALF_WORD_SHIFT).astype(float)), untyped((states & _LOW_HALF_MASK).astype(float))
         )

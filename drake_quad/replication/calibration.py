@@ -20,7 +20,7 @@ from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import Interval, values_with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
-_DAMPING_RATIO = 0.7
+_DAMPING_RATIO = 0.7  # of the position loop with the PD
 _FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters, which reproduces the errors to within 1 mm
 
 
@@ -57,7 +57,7 @@ class Hypothesis(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """Fitted hypothesis.
+    """Parameters that were fitted under a hypothesis, and the resulting errors.
 
     Attributes:
         hypothesis: hypothesis that was fitted.

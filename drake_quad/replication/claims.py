@@ -373,7 +373,7 @@ def _reduction_difference(pair: Sequence[np.ndarray], other: Sequence[np.ndarray
 
 
 def _grid_text(sweep: Sweep) -> str:
-    """Return a text about the grid of gains in a map."""
+    """Return the size and the ranges of the grid of gains in a map, and the number of samples, as text."""
     k_p, k_d = (np.unique(sweep.settings[name]) for name in _GAIN_SYMBOLS)
     return (
         f"{len(k_p)} × {len(k_d)} gains, k_P from {k_p[0]:g} to {k_p[-1]:g} 1/s² and k_D from {k_d[0]:g} to {k_d[-1]:g}"

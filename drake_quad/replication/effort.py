@@ -34,7 +34,12 @@ class EffortMatch(NamedTuple):
 
 
 def effort_matches(experiment: Experiment) -> list[EffortMatch]:
-    """Return the agreement of each definition, with intervals over the recorded samples; the best one is first."""
+    """Compare each definition of control effort in `EFFORTS` with the printed effort ratios.
+
+    Returns:
+        A result for each definition, the one with the best agreement first. Its interval refers to the mean over the
+        recorded samples.
+    """
     printed = published_effort_ratios()
     printed_values = np.array([printed[cell] for cell in printed]).T
     matches = []

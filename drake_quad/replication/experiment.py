@@ -59,6 +59,7 @@ class ExperimentSizes(NamedTuple):
 
 
 QUICK = ExperimentSizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
+"""Numbers of samples and settings for a quick experiment, which shows that everything runs."""
 
 
 class SweepPlan(NamedTuple):
@@ -184,11 +185,11 @@ def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: b
 
 
 class RecordedCell(NamedTuple):
-    """Results of the samples of a cell whose signals are recorded.
+    """Results of the recorded samples of a cell of Table II.
 
     Attributes:
         first: flight of sample 0.
-        measures: (recorded,) values of each measure, by name.
+        measures: (samples,) values of each measure, by name.
     """
 
     first: Flight

@@ -43,9 +43,9 @@ def _mean_absolute(values: np.ndarray) -> float:
     return float(np.mean(np.abs(values)))
 
 
-# Signal from which an effort is computed, and its components for X and Y.
+# Each tuple contains a signal from which a control effort is computed, and its components for X and Y.
 _COMMAND = ("acceleration_command", "x", "y")
-_PD = ("pd", "x", "y")
+_PD_OUTPUT = ("pd", "x", "y")
 # The pitch torque moves the vehicle along X, and the roll torque along Y.
 _TORQUE = ("wrench", "tau_y", "tau_x")
 
@@ -58,8 +58,8 @@ EFFORTS = {
     "command_peak": Effort("largest absolute command", *_COMMAND, lambda u: np.max(np.abs(u))),
     "command_step_square": Effort("mean square of the command's steps", *_COMMAND, lambda u: _mean_square(np.diff(u))),
     "command_step_size": Effort("total variation of the command", *_COMMAND, lambda u: _mean_absolute(np.diff(u))),
-    "pd_mean_square": Effort("mean square of the PD's output", *_PD, _mean_square),
-    "pd_mean_size": Effort("mean absolute output of the PD", *_PD, _mean_absolute),
+    "pd_mean_square": Effort("mean square of the PD's output", *_PD_OUTPUT, _mean_square),
+    "pd_mean_size": Effort("mean absolute output of the PD", *_PD_OUTPUT, _mean_absolute),
     "torque_mean_square": Effort("mean square of the torque", *_TORQUE, _mean_square),
     "torque_mean_size": Effort("mean absolute torque", *_TORQUE, _mean_absolute),
 }

@@ -12,9 +12,10 @@ CONTROLLERS = {
     "pd_t2fnn": "PD+T2FNN (1.2, 0.8)",
     "pd_t2fnn_wide": "PD+T2FNN (1.4, 0.6)",
 }
-# Names of winds and controllers, by their names in table_ii.csv. Without wind, the paper does not print the exponents
-# of PD+T2FNN, and the narrower pair is assumed.
+# Key of `WINDS` for each value of the column `wind` in table_ii.csv.
 _WINDS = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
+# Key of `CONTROLLERS` for each controller and exponent `a1` in table_ii.csv. The paper does not print the exponents of
+# PD+T2FNN in the rows without wind. They are assumed to be 1.2 and 0.8.
 _CONTROLLERS = {
     ("PD", ""): "pd",
     ("PD+T1FNN", "1.0"): "pd_t1fnn",
@@ -59,7 +60,7 @@ class Runs(NamedTuple):
 
 
 class PublishedRow(NamedTuple):
-    """Printed values of a cell.
+    """Values that the paper prints for a cell of Table II.
 
     Attributes:
         rmse: RMS of the Euclidean error, m.
@@ -73,7 +74,7 @@ class PublishedRow(NamedTuple):
 
 
 def published_table() -> dict[Cell, PublishedRow]:
-    """Return the printed values by cell."""
+    """Return the values that the paper prints for each cell of Table II."""
     lines = {}
     text = files(__package__).joinpath("table_ii.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):

@@ -64,11 +64,11 @@ CAPTIONS = {
     " crashed.",
     "fair": "Mean RMSE of the PD, of PD+T2FNN, and of controllers that the paper does not consider.",
 }
-# Field of `Claim` in each column of the file claims.csv, and then in each column of the report, by the column's
-# heading.
+# Headings of the columns of claims.csv, each with the field of `Claim` that the column contains.
 _FILE_COLUMNS = {"claim": "statement", "printed": "printed", "ours": "evidence"} | {
     name: name for name in ("verdict", "rule", "details", "figure")
 }
+# Headings of the columns of the table in the report, each with the field of `Claim` that the column contains.
 _REPORT_COLUMNS = {"claim": "statement", "the paper's evidence": "printed", "ours, with 95 % intervals": "evidence"}
 _FITTED_CELLS = (PD_CELL, NETWORK_CELL)
 

@@ -41,19 +41,22 @@ class Sweep(Generic[MetricsType]):
 
 
 def num_rows(columns: Mapping[str, np.ndarray]) -> int:
-    """Return the common length of columns."""
+    """Return the number of rows of a table, given its columns by name."""
     return len(next(iter(columns.values())))
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the columns of a table with all pairs of rows of two tables. The row of the second table varies faster."""
+    """Combine each row of one table with each row of another table, and return the columns of the result.
+
+    From each row to the next, the row of the second table changes first.
+    """
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
 
 
 def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
-    """Read a sweep.
+    """Read a sweep from a file that `Sweep.save` wrote.
 
     Args:
         path: path of the CSV file.
@@ -72,14 +75,15 @@ def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
 # Exponents (a1, a2) of the networks in Table II. Exponents of 1 give the triangular sets of type 1.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
 NOISE_LEVELS = (0.0, 0.001, 0.005, 0.01, 0.02)  # m, standard deviations of the position noise
-Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
+Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)  # values of the weight q of the lower memberships
 SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)  # 1/s, values of λ around the calibrated 1.975 1/s
 _POSITION = "control.position"
 _NETWORK = "control.network"
 # Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684. They are wide enough to contain the
 # gains with the smallest error.
 _GAIN_RANGES = (0.3, 20.0), (0.3, 12.0)
-# Narrower ranges around the best gains, which separate the best gains on straight lines from the best gains on curves.
+# Narrower ranges of k_P and k_D around the best gains. Their finer grid can distinguish the best gains on straight
+# lines from the best gains on curves.
 BEST_GAIN_RANGES = (2.5, 9.0), (1.0, 4.5)
 _EXPONENTS = dict(zip(("a1", "a2"), np.transpose([*EXPONENTS.values()]), strict=True))
 # Settings of the sweeps: all noise levels and all values of q are combined with all pairs of exponents.
@@ -99,7 +103,7 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RA
     return all_combinations({"k_p": k_p}, {"k_d": k_d})
 
 
-# Paths of the fields that are set to the value of each parameter.
+# For each parameter of a sweep, the paths of the fields that are set to its value.
 _FIELD_PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],

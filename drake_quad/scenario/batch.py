@@ -159,7 +159,7 @@ class Batch:
 def coordinates(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the independent random numbers from which the fields of a sample are drawn.
 
-    They are the paths of all fields with a distribution and the shared variables, each as `shared` and its name.
+    The names are the paths of all fields with a distribution, and `shared NAME` for each shared variable NAME.
     """
     distributions = distributions_in(scenario)
     return (*distributions, *map(shared_stream, shared_names(distributions.values())))

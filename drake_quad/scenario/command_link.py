@@ -24,7 +24,7 @@ class CommandLinkSettings(Model):
         """Return the recipe to build the links of a fleet.
 
         Args:
-            fleet: link of a `Batch.fleet_scenario`.
+            fleet: link in `Batch.fleet_scenario`, in which random fields are arrays.
             signal: name of the signal that the link carries.
             initial: command before the first packet arrives.
         """

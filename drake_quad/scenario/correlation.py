@@ -156,23 +156,24 @@ def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tu
 def correlated_normals(
     names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, *, prefix: str = "common"
 ) -> dict[str, dict[str, Any]]:
-    """Express a covariance matrix in the scenario language, as a normal distribution for each name.
+    """Express a covariance matrix in the scenario language, as a normal distribution for each named quantity.
 
-    Names that are correlated, directly or through other names, form a group with shared variables. If V Λ Vᵀ is the
+    Quantities that are correlated, directly or through others, form a group with shared variables. If V Λ Vᵀ is the
     correlation matrix of a group and λ its smallest eigenvalue, the weights of the shared variables are V √(Λ - λ). The
-    remaining variance of each name is independent. The Cholesky factor is used instead if it has fewer nonzero weights.
+    remaining variance of each quantity is independent. The Cholesky factor is used instead if it has fewer nonzero
+    weights.
 
-    Negligible variables and decimals are omitted. The standard deviations of the names are exactly the given ones, and
-    the standard deviation of any weighted sum is correct to one per cent.
+    Negligible variables and decimals are omitted. The standard deviations of the quantities are exactly the given ones,
+    and the standard deviation of any weighted sum is correct to one per cent.
 
     Args:
-        names: n names, such as paths of fields.
+        names: names of the n quantities, such as paths of fields.
         mean: (n,) means.
         covariance: (n, n) covariance matrix, symmetric and positive semidefinite, with a positive diagonal.
         prefix: prefix of the names of the shared variables, `prefix_1`, `prefix_2` and so on.
 
     Returns:
-        The YAML value of each name: `normal` with `mean`, `standard_deviation` and, for correlated names, `shared`.
+        The YAML value of each quantity: `normal` with `mean`, `standard_deviation` and, if it is correlated, `shared`.
 
     Raises:
         InputError: if the shapes do not match, a number is not finite, a variance is not positive, or the matrix is
@@ -198,7 +199,7 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
     """Check means and a covariance matrix, and return the (n,) standard deviations.
 
     Args:
-        names: n names.
+        names: names of the n quantities.
         mean: (n,) means.
         covariance: (n, n) covariance matrix.
 
@@ -236,11 +237,12 @@ def _weights(correlation: np.ndarray) -> np.ndarray:
 
 
 def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) -> np.ndarray:
-    """Return the (n, k) weights, with separate shared variables for each group of correlated names.
+    """Return the (n, k) weights, with separate shared variables for each group of correlated quantities.
 
     Args:
         correlation: (n, n) correlation matrix.
-        min_weight: smallest correlation that puts two names into one group, and smallest weight that is not omitted.
+        min_weight: threshold for correlations and weights. Two quantities with a larger correlation belong to the same
+            group. Smaller weights are replaced by 0.
         decimals: number of decimals of the weights.
     """
     count = len(correlation)
@@ -261,7 +263,10 @@ def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) 
 
 
 def _rounded_factors(factors: np.ndarray, correlation: np.ndarray, min_weight: float, decimals: int) -> np.ndarray:
-    """Round factors, and drop columns that the accuracy does not need or that concern only one name."""
+    """Round factors, and drop unnecessary columns.
+
+    A column is unnecessary if the factors are accurate enough without it, or if it has only one nonzero factor.
+    """
     # Numbers are rounded towards 0, so that the sum of the squares of a row does not increase.
     rounded = np.trunc(factors * 10.0**decimals) / 10.0**decimals
     rounded = np.where(np.abs(rounded) < min_weight, 0.0, rounded)
@@ -289,7 +294,7 @@ def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
 
 
 def _agrees(weights: np.ndarray, correlation: np.ndarray) -> bool:
-    """Return whether the weights reproduce the variance of any weighted sum of the names.
+    """Return whether the weights reproduce the variance of every weighted sum of the correlated quantities.
 
     The tolerances are `_VARIANCE_TOLERANCE` and, for sums with almost no variance, `_MIN_VARIANCE`.
     """

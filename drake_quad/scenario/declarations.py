@@ -43,7 +43,10 @@ def quantities_in(model: type[Model]) -> Iterator[tuple[str, Declaration]]:
 
 
 def _quantities(hint: Any, metadata: Sequence[Any], description: str) -> Iterator[tuple[str, Declaration]]:
-    """Yield the quantities in a type hint. The path is empty for the type itself, ".field" inside a mapping."""
+    """Yield the path and the declaration of each quantity in a type hint.
+
+    The path is empty if the hint itself is a quantity, and ".field" for a field of a mapping.
+    """
     if get_origin(hint) is Annotated:
         hint, *inner = get_args(hint)
         yield from _quantities(hint, [*inner, *metadata], description)

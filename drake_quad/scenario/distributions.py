@@ -187,7 +187,7 @@ class Distribution(Model):
 
     @abstractmethod
     def extremes(self) -> tuple[float | None, float | None]:
-        """Return the lower and the upper bound of the values; None for a bound that does not exist."""
+        """Return the smallest and the largest possible value; None for a bound that does not exist."""
 
     @abstractmethod
     def quantile(self, probability: Any) -> Any:
@@ -209,7 +209,7 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {}
 
 
 def _named(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
-    """Add a distribution to `DISTRIBUTIONS`."""
+    """Add a class to `DISTRIBUTIONS`, under the name of its only field."""
     (name,) = model.model_fields
     DISTRIBUTIONS[name] = model
     return model
@@ -226,7 +226,7 @@ class Uniform(Distribution):
         return f"uniform({self.uniform.min:g}, {self.uniform.max:g})"
 
     def extremes(self) -> tuple[float | None, float | None]:
-        """Return the bounds of the values."""
+        """Return the smallest and the largest possible value; None for a bound that does not exist."""
         return self.uniform.min, self.uniform.max
 
     def quantile(self, probability: Any) -> Any:
@@ -245,7 +245,7 @@ class LogUniform(Distribution):
         return f"log_uniform({self.log_uniform.min:g}, {self.log_uniform.max:g})"
 
     def extremes(self) -> tuple[float | None, float | None]:
-        """Return the bounds of the values."""
+        """Return the smallest and the largest possible value; None for a bound that does not exist."""
         return self.log_uniform.min, self.log_uniform.max
 
     def quantile(self, probability: Any) -> Any:
@@ -271,7 +271,7 @@ class Normal(Distribution):
         return f"normal({', '.join([f'{bell.mean:g}', f'{bell.standard_deviation:g}', *limits, *shared])})"
 
     def extremes(self) -> tuple[float | None, float | None]:
-        """Return the bounds of the values."""
+        """Return the smallest and the largest possible value; None for a bound that does not exist."""
         return self.normal.min, self.normal.max
 
     @property
@@ -298,7 +298,7 @@ class Choice(Distribution):
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The numbers to choose from."""
+        """Numbers from which the distribution chooses."""
         return self.choice
 
     def __repr__(self) -> str:
@@ -306,11 +306,11 @@ class Choice(Distribution):
         return f"choice({', '.join(f'{each:g}' for each in self.choice)})"
 
     def extremes(self) -> tuple[float | None, float | None]:
-        """Return the bounds of the values."""
+        """Return the smallest and the largest possible value; None for a bound that does not exist."""
         return min(self.choice), max(self.choice)
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile at a probability, with the numbers in the given order."""
+        """Return the quantile at a probability. The numbers of the choice are used in their given order, not sorted."""
         return np.array(self.choice)[(np.asarray(probability) * len(self.choice)).astype(int)]
 
 

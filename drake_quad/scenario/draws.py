@@ -19,7 +19,7 @@ from drake_quad.scenario.distributions import Model
 LATIN_HYPERCUBE = "latin_hypercube"
 SOBOL = "sobol"
 MAX_SIZE = 2**16
-"""Largest number of samples of a replicate, all of which are computed for each batch."""
+"""Largest number of samples in a replicate. Each batch computes the draws of all samples of its replicates."""
 _SOBOL_BITS = 30  # binary digits of the numbers of a Sobol sequence
 _SOBOL_KEY = 3  # distinguishes the seeds of Sobol sequences from other seeds; see `StreamKind`
 
@@ -78,7 +78,10 @@ class DesignedDraws(Model):
         return np.argsort(np.argsort(keys, axis=1), axis=1)
 
     def _sobol_points(self, seed: int, replicate: int, dimension: int) -> np.ndarray:
-        """Return the points of a replicate as integers of `_SOBOL_BITS` bits, (size, dimension)."""
+        """Return the points of a Sobol sequence, which is scrambled differently for each replicate.
+
+        The points are integers of `_SOBOL_BITS` bits, (size, dimension).
+        """
         generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(replicate, _SOBOL_KEY)))
         sequence = scipy.stats.qmc.Sobol(dimension, bits=_SOBOL_BITS, seed=generator)
         return np.rint(sequence.random(self.size) * 2.0**_SOBOL_BITS)

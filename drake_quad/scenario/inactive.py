@@ -58,7 +58,11 @@ class Needs:
 
 
 def needs(*fields: str, value: str | None = None) -> Needs:
-    """Return the condition that at least one of the given fields differs from zero, or has the given value."""
+    """Return the condition under which a field has an effect.
+
+    Without `value`, at least one of the named fields must differ from zero. With `value`, at least one of them must
+    have this value.
+    """
     return Needs(fields, value)
 
 
@@ -112,9 +116,9 @@ def late_setting(mapping: Any, name: str, flight: FlightConditions, path: str) -
 
 
 def _reason(mapping: Any, fields: tuple[str, ...], path: str) -> str:
-    """Return a clause with the given values of the fields that make a setting inactive.
+    """Return a clause that names the fields that make a setting inactive, and their values.
 
-    If none of these fields is given, the clause names all of them.
+    Fields that are None are left out. If all fields are None, the clause says that they are not given.
     """
     specified = [name for name in fields if getattr(mapping, name) is not None]
     if not specified:

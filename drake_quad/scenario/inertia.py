@@ -25,7 +25,7 @@ def explain_invalid_inertia(moments: Sequence[NumberOrDistribution]) -> str:
 
 
 def rigid_inertias(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:
-    """Return the moments of inertia nearest to drawn moments that are possible for a rigid body.
+    """Move drawn moments of inertia to the nearest values that are possible for a rigid body.
 
     Args:
         moments: I_xx, I_yy, I_zz of the scenario, as numbers or distributions, kg m². Numbers are never changed.

@@ -37,7 +37,7 @@ class InitialState(Model):
         """Return the initial position and yaw of a fleet's vehicles.
 
         Args:
-            fleet: initial state of a `Batch.fleet_scenario`.
+            fleet: initial state in `Batch.fleet_scenario`, in which random fields are arrays.
             start: position and yaw of the reference at time 0.
         """
         x, y, z = fleet.position

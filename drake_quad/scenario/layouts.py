@@ -158,7 +158,7 @@ class RotorsLayout(RotorLayout):
 
 
 def rotors_of(airframe: Any) -> Rotors:
-    """Return the rotors of an airframe of a scenario, or of a `Batch.fleet_scenario`."""
+    """Return the rotors of an airframe of a scenario, or of all vehicles in `Batch.fleet_scenario`."""
     return airframe.layout.rotors_of(airframe)
 
 
@@ -169,7 +169,10 @@ def arm_length_range(airframe: Any) -> tuple[float, float]:
 
 
 def arm_length_of(airframe: Any) -> float:
-    """Return the arm length of an airframe, m, or the mean of shortest and longest arm if the layout has distances."""
+    """Return the arm length of an airframe, m.
+
+    If the layout itself determines the rotor positions, the result is the mean of the shortest and the longest arm.
+    """
     return 0.5 * sum(arm_length_range(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 

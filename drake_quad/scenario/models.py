@@ -158,7 +158,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
-            raise self.field_error("must be left out, since the layout has distances", "arm_length")
+            raise self.field_error("must be left out, since the distances in the layout determine it", "arm_length")
         # If the distances of a layout are random, no arm length can contradict them.
         if distributions_in(self.layout):
             return
@@ -342,7 +342,8 @@ class Laboratory(Model):
 
 # Pattern for the name of an additional metric.
 _METRIC_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
-_MAX_NOISE_PERIODS = 1000  # limited because each period adds operations to the drawing of every random number
+# The time to draw a random number grows with the number of periods of `NoiseSamples`.
+_MAX_NOISE_PERIODS = 1000
 _RESERVED_COLUMN_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
 
 
@@ -427,7 +428,7 @@ class Crash(Model):
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as a crash height too far below the reference to be reached."""
         yield from super().inactive_settings(flight, path)
-        # Users disable the limit by lowering it below its default, so such a value is not reported.
+        # A height below the default is not reported, since users choose it to disable this crash limit.
         is_strict = self.height > type(self).model_fields["height"].default
         if is_strict and self.height < flight.lowest_height - self.position_error:
             yield InactiveSetting(

@@ -155,7 +155,7 @@ def with_values(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:
-    """Raise InputError if the collection of paths of fields with distributions is not empty; name the first path."""
+    """Raise InputError, with a message about the first path, if any paths of fields with distributions are given."""
     for path in paths:
         raise InputError(
             f"{path} is a distribution, but one flight needs a number; give a number, or select a sample with"

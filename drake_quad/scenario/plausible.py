@@ -74,7 +74,7 @@ class PlausibleDelay:
 
 
 def not_in_milliseconds(*, upper: float) -> Plausible:
-    """Return the range of a time in s that may have been given in ms."""
+    """Return the plausible range of a time in s. A larger number was probably given in ms."""
     return Plausible("s", "ms", 1e-3, upper=upper)
 
 
@@ -84,32 +84,32 @@ def not_in_millimetres(*, upper: float) -> Plausible:
 
 
 def not_in_grams(*, upper: float) -> Plausible:
-    """Return the range of a mass in kg that may have been given in g."""
+    """Return the plausible range of a mass in kg. A larger number was probably given in g."""
     return Plausible("kg", "g", 1e-3, upper=upper)
 
 
 def not_in_percent(*, upper: float) -> Plausible:
-    """Return the range of a fraction that may have been given in percent."""
+    """Return the plausible range of a fraction. A larger number was probably given in percent."""
     return Plausible("", "%", 1e-2, upper=upper)
 
 
 def not_in_degrees(*, upper: float) -> Plausible:
-    """Return the range of an angle in rad that may have been given in degrees."""
+    """Return the plausible range of an angle in rad. A larger number was probably given in degrees."""
     return Plausible("rad", "degrees", math.radians(1.0), upper=upper)
 
 
 def not_in_degrees_per_second(*, upper: float) -> Plausible:
-    """Return the range of a rate in rad/s that may have been given in degrees per second."""
+    """Return the plausible range of a rate in rad/s. A larger number was probably given in degrees per second."""
     return Plausible("rad/s", "°/s", math.radians(1.0), upper=upper)
 
 
 def not_in_rpm(*, upper: float) -> Plausible:
-    """Return the range of a rotor speed in rad/s that may have been given in revolutions per minute."""
+    """Return the plausible range of a rotor speed in rad/s. A larger number was probably given in rpm."""
     return Plausible("rad/s", "rpm", math.tau / 60.0, upper=upper)
 
 
 def not_in_g(*, lower: float = 0.0, upper: float = math.inf, prefix: str = "") -> Plausible:
-    """Return the range of an acceleration in m/s² that may have been given in multiples of the standard gravity.
+    """Return the plausible range of an acceleration in m/s². Other numbers were probably given in g or mg.
 
     Args:
         lower: smallest plausible magnitude, m/s².
@@ -128,13 +128,13 @@ PLAUSIBLE_LAG = not_in_milliseconds(upper=2.0)
 PLAUSIBLE_POSITION_NOISE = not_in_millimetres(upper=0.3)
 """Range of the noise of a position. Motion capture has 1 mm, and satellite navigation with corrections 20 mm."""
 PLAUSIBLE_ATTITUDE_NOISE = not_in_degrees(upper=0.2)
-"""Range of the noise of an attitude. Even attitudes from magnetometers have only a few degrees, 0.1 rad."""
+"""Noise of an attitude, up to 0.2 rad. Even attitudes from magnetometers have only a few degrees, 0.1 rad."""
 PLAUSIBLE_SIZE = not_in_millimetres(upper=3.0)
 """Range of distances within a vehicle. The arms of 20 kg quadrotors are shorter than 1 m."""
 PLAUSIBLE_LOAD = not_in_grams(upper=30.0)
 """Range of the mass of a load. A vehicle of 20 kg carries about its own mass."""
 PLAUSIBLE_MAX_RATES = not_in_degrees_per_second(upper=60.0)
-"""Range of the largest body rates. Firmware of racing quadrotors allows at most 2,000 °/s, 35 rad/s."""
+"""Limits of body rates, up to 60 rad/s. Firmware of racing quadrotors allows at most 2,000 °/s, 35 rad/s."""
 
 
 def numbers_in(value: Any) -> Iterator[float]:

@@ -18,7 +18,7 @@ _DRAG_RATIOS = (3e-4, 0.3)
 # Largest plausible ratio between a rotor's moment of inertia and that of the vehicle about the vertical axis.
 _MAX_ROTOR_INERTIA_RATIO = 0.5
 _RPM = math.tau / 60.0  # one revolution per minute, rad/s
-# Other units in which a moment of inertia may have been given, in kg m².
+# Other units in which a moment of inertia may have been given by mistake, with their conversion factors to kg m².
 _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 
 

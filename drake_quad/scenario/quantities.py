@@ -165,7 +165,7 @@ def any_nonzero(settings: Any, drawn: Any) -> bool:
 
     Args:
         settings: quantity, tuple of quantities or mapping in a scenario; None if it is not given.
-        drawn: the same quantity in the `Batch.fleet_scenario`.
+        drawn: the same quantity in `Batch.fleet_scenario`, in which random fields are arrays.
     """
     if settings is None:
         return False
@@ -206,8 +206,9 @@ Ticks = Annotated[NumberOrDistribution, integer_bounds(ge=0, le=50), PLAUSIBLE_D
 # Times and durations in a flight, s.
 Moment = Annotated[NumberOrDistribution, bounds(ge=0.0, le=MAX_DURATION)]
 Span = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_DURATION, le=MAX_DURATION)]
-# Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is inverted.
+# Largest magnitude of an angle that gives a direction, rad. A larger number was probably given in degrees.
 TWO_TURNS = 4.0 * math.pi
+# Largest tilt and largest standard deviation of an angle, rad. A body that tilts further is inverted.
 _RIGHT_ANGLE = 0.5 * math.pi
 Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
 _Misalignment = Annotated[NumberOrDistribution, radians(math.pi)]

@@ -75,14 +75,14 @@ class CorridorRegion(Model):
                 region = self.region()
             except InputError:
                 region = None
-            of_box = "" if self.min is None else " of the box"
+            parts = "its half-spaces" if self.min is None else "its box and its half-spaces"
             if region is None:
-                remainder = "no point"
+                common = "no point"
             elif isinstance(region, Polytope) and region.is_flat:
-                remainder = "only a plane, a line or a point"
+                common = "only a plane, a line or a point"
             else:
                 return self
-            raise validation_error(f"must have a volume, but its half-spaces leave {remainder}{of_box}")
+            raise validation_error(f"must have a volume, but {parts} have {common} in common")
         return self
 
     def region(self) -> Corridor | None:

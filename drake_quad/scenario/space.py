@@ -35,7 +35,7 @@ class BoxObstacle(Model):
     size: FixedPositives = Field(description="lengths of the edges along the axes of the box (m)")
 
     def shape(self) -> Cuboid:
-        """Return the solid."""
+        """Return the obstacle as a solid for the planner."""
         return Cuboid(self.centre, self.rotation, self.size)
 
 
@@ -49,7 +49,7 @@ class CylinderObstacle(Model):
     height: FixedPositive = Field(description="height along the axis of the cylinder (m)")
 
     def shape(self) -> Cylinder:
-        """Return the solid."""
+        """Return the obstacle as a solid for the planner."""
         return Cylinder(self.centre, self.rotation, self.radius, self.height)
 
 
@@ -61,7 +61,7 @@ class SphereObstacle(Model):
     radius: FixedPositive = Field(description="radius (m)")
 
     def shape(self) -> Ball:
-        """Return the solid."""
+        """Return the obstacle as a solid for the planner."""
         return Ball(self.centre, radius=self.radius)
 
 
@@ -99,7 +99,7 @@ class HullObstacle(Model):
         return self
 
     def shape(self) -> Hull:
-        """Return the solid."""
+        """Return the obstacle as a solid for the planner."""
         return convex_hull(
             transformed_points(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale)
         )

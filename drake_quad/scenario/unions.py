@@ -84,7 +84,7 @@ class _Members(ABC):
 
     @abstractmethod
     def _name_of(self, model: type[Any]) -> str:
-        """Return the name of a member."""
+        """Return the name under which a model is registered."""
 
 
 class OpenUnion(_Members):

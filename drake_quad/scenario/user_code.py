@@ -1,4 +1,4 @@
-"""Command-line options that register kinds which the user's Python files define."""
+"""Command-line options that import a user's Python files, which define kinds of controllers, effects and so on."""
 
 import shlex
 import sys

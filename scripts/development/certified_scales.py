@@ -85,7 +85,7 @@ def row_of(controller: str, samples: int) -> Row:
 
 
 def draw(rows: list[Row]) -> "Figure":
-    """Plot the certified and the unstable scale of each controller, and its probability of a crash."""
+    """Plot the stable and the unstable scale of the parameter ranges, and the crash probability, of each controller."""
     places = range(len(rows))[::-1]
     with use_style():
         figure = new_figure(6.8, 3.0)

@@ -4,7 +4,7 @@ The argument is the folder of the NanoBench data set (S. I. Ullah, J. Baca, arXi
 the estimated state, the setpoint and the output of the position and velocity loops of firmware 2025.12.1.
 
 The logs start after the take-off, so the values of the integrals along Z at their start are unknown. These values add a
-straight line over time to the thrust before its limit. The script fits this line and subtracts it.
+straight line over time to the thrust command before it is limited. The script fits this line and subtracts it.
 """
 
 import math
@@ -23,11 +23,13 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
 from drake_quad.signals import Reference, State
 
-NUM_LANDING_SAMPLES = 300  # samples before the end of a flight that are not compared; the log has 100 Hz
+NUM_LANDING_SAMPLES = (
+    300  # samples before the end of a flight that are not compared; the log has 100 samples per second
+)
 MAX_COMMAND = 65535.0  # largest thrust in units of the firmware
 DEGREE = math.pi / 180.0  # rad
 UNIT = MAX_THRUST / MAX_COMMAND  # N, thrust of one rotor per unit of the firmware
-OUTPUT_UNITS = {"roll": "degrees", "pitch": "degrees", "cmd_thrust": "units of 16 bits"}
+OUTPUT_UNITS = {"roll": "degrees", "pitch": "degrees", "cmd_thrust": "16-bit counts"}
 
 
 def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:

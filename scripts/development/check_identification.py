@@ -144,7 +144,10 @@ def write_rows(path: Path, description: str, results: dict[int, list[CheckedPara
 
 
 def print_coverage(results: dict[int, list[CheckedParameter]]) -> None:
-    """Print for each parameter the coverage of its intervals, with a 95 % interval, and the size of its errors."""
+    """Print how often the intervals of each parameter contain the true value, and how large its errors are.
+
+    The fraction of intervals that contain the true value is printed with its own 95 % interval.
+    """
     by_name: dict[str, list[CheckedParameter]] = {}
     for rows in results.values():
         for row in rows:

@@ -140,7 +140,7 @@ def _rotorpy_batch(num_vehicles: int) -> Flight:
     world = worlds.World.empty((-3.0, 3.0, -3.0, 3.0, -3.0, 3.0))
 
     class Circle:
-        """Circle of all vehicles. RotorPy's own class cannot handle the arrays of times that its batch passes."""
+        """Circular trajectory of all vehicles. RotorPy's class cannot handle the array of times in `simulate_batch`."""
 
         def update(self, times: np.ndarray) -> dict[str, Any]:
             cos, sin = torch.cos(torch.as_tensor(_RATE * times)), torch.sin(torch.as_tensor(_RATE * times))

@@ -32,7 +32,7 @@ LABORATORIES = {
     "designed/priced": ["robustness"],
     "designed/robustness": ["robustness"],
 }
-# Scenarios that contain controllers of other files.
+# Scenarios that already contain a controller.
 SCENARIOS = [
     *("robustness", "onboard", "crazyswarm2:log08", "nanobench", "slalom"),
     *(f"bad_day:{name}" for name in ("crazyflie", "crazyflie_onboard", "hummingbird", "neural_fly", "racer")),
@@ -54,7 +54,7 @@ class Recorded(HostMachine):
 
 
 def cases(only: str) -> list[tuple[str, str]]:
-    """Return the laboratory and the controller of each flight. The controller is empty if the scenario contains it."""
+    """Return the laboratory and the controller of each flight. The controller is "" if the laboratory contains one."""
     result = [(scenario, "") for scenario in SCENARIOS]
     for name, laboratories in LABORATORIES.items():
         file = shipped_folder() / "controllers" / f"{name}.yaml"

@@ -36,12 +36,18 @@ def main() -> None:
         "--noise-of", default="indi", metavar="NAME", help="controller of the second table (default: %(default)s)"
     )
     arguments = options.parse_args()
-    print("| RMS error in hover, mm | linear, x | z | no packet loss, x | z | packet loss, x | z | other seed |")
-    print("|---|---|---|---|---|---|---|---|")
+    print_header("RMS error in hover, mm", "linear", "no packet loss", "packet loss", last="other seed")
     for name, layer in shipped():
         print_controller(name, layer)
     print()
     print_noises(f"{_DESIGNED}:{arguments.noise_of}")
+
+
+def print_header(first: str, *groups: str, last: str | None = None) -> None:
+    """Print the head of a table with a column for x and a column for z in each group of errors."""
+    columns = [first, *(f"{group}, {axis}" for group in groups for axis in "xz"), *([] if last is None else [last])]
+    print(f"| {' | '.join(columns)} |")
+    print("|---" * len(columns) + "|")
 
 
 def shipped() -> Iterator[tuple[str, str]]:
@@ -76,9 +82,8 @@ def in_millimetres(*errors: float) -> list[str]:
 
 
 def print_noises(layer: str) -> None:
-    """Print the second table, for the controller in the given layer."""
-    print("| noise relative to `laboratory:nominal` | no packet loss, x | z | packet loss, x | z |")
-    print("|---|---|---|---|---|")
+    """Print the ratio of simulated to linear errors for several noise levels, for the controller in a layer."""
+    print_header("noise relative to `laboratory:nominal`", "no packet loss", "packet loss")
     for factor in _NOISE_FACTORS:
         cells = []
         for overrides in ([_LOSSLESS], []):

@@ -33,8 +33,8 @@ _FILE = Path(__file__).parents[2] / "diagrams" / "nanobench.yaml"
 # Coefficients of the polynomial from motor voltage (V) to rotor thrust (N). The firmware uses it to convert thrust
 # commands to PWM (crazyflie-firmware, platform_defaults_cf2.h, VMOTOR2THRUST0 to 3 of the propellers 2.1+).
 _THRUST_OF_VOLTAGE = (-0.02476538, 0.06523794, -0.02679250, 0.006776789)
-# Command of a rotor at throttle 1 of the scenario, relative to the firmware's full collective command. It exceeds 1,
-# because single rotors may exceed the full collective command.
+# Rotor command for throttle 1 in the scenario, relative to the firmware's largest collective command. It exceeds 1,
+# because the command of a single rotor may exceed the largest collective command.
 _FULL_THROTTLE = 1.28
 _MASS = 0.027  # kg, from the data sheet; the flights depend only on ratios of other parameters to the mass
 _ARM = 0.03253  # m, distance of the rotors from the centre along x and y
@@ -126,7 +126,7 @@ def with_commands(record: FlightRecord) -> FlightRecord:
 
 
 def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
-    """Estimate the parameters of a flight from its record and from the table of its log."""
+    """Estimate the parameters of a `Flight` from its record and from the rows of its log."""
     part = free_flight(record)
     free_flight_record = record.subset(slice(part.first + _SETTLING_SAMPLES, part.end - _SETTLING_SAMPLES))
     rows = table[part.first + _SETTLING_SAMPLES : part.end - _SETTLING_SAMPLES]

@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def network_of(raptor: Any) -> dict[str, Any]:
-    """Return the arrays of this library's policy file that describe the network of the package."""
+    """Return the arrays of a policy file of this library that describe a network from the package foundation-policy."""
     first, memory, last = raptor.layers
     return {
         "scale": _SCALE,

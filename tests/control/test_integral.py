@@ -21,8 +21,8 @@ def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="
     simulator = Simulator(system)
     context, corrections = simulator.get_mutable_context(), []
     for tick, error in enumerate(errors):
-        # The simulator processes the events of a tick when it advances to the next tick, with the error of the earlier
-        # tick.
+        # The simulator updates the integral of a tick when it advances to the next tick. The input port must still
+        # contain the error of the earlier tick then.
         if tick:
             simulator.AdvanceTo(tick * H)
         corrections.append(system.get_output_port().Eval(context))

@@ -180,7 +180,7 @@ def test_the_rotation_error_matches_px4():
         np.testing.assert_allclose(error, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
 
 
-def test_the_first_velocity_has_priority_if_the_sum_exceeds_the_largest_speed():
+def test_a_saturated_sum_of_two_velocities_reduces_the_second_velocity_first():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
         velocity = np.array(saturate_velocity_sum(tuple(first), tuple(second), 2.0))

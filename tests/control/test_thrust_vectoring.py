@@ -38,7 +38,7 @@ def test_thrust_and_tilt_limits_hold_for_any_command(acceleration, yaw):
     assert MASS * up >= LIMITS.min_thrust * (1.0 - 1e-12)
     assert MASS * thrust <= LIMITS.max_thrust * (1.0 + 1e-12)
     assert math.hypot(forward, left) <= LIMITS.tan_max_tilt * up * (1.0 + 1e-12)
-    # The remaining horizontal command keeps its direction.
+    # The limits shorten the horizontal force, but do not change its direction.
     commanded_forward, commanded_left, _ = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     assert forward * commanded_left == pytest.approx(left * commanded_forward, abs=1e-9)
 

@@ -132,8 +132,8 @@ def assert_flight_as_exported(scenario, folder, system, *, unavailable=()):
     """
 
     class Controller(exported_controller(folder)):
-        def _stepped(self, context, *, whole_divisor):
-            state, outputs = super()._stepped(context, whole_divisor=whole_divisor)
+        def _stepped(self, context, *, as_output_step):
+            state, outputs = super()._stepped(context, as_output_step=as_output_step)
             outputs[list(unavailable)] = 0.0
             return state, outputs
 

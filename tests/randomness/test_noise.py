@@ -145,7 +145,7 @@ def test_a_stream_is_named_after_its_system_and_port():
     ("samples", "sources"),
     [([3], {"noise", "noise_parts"}), ([3, 4], {"noise_a.turbulence_noise", "noise_b.turbulence_noise"})],
 )
-def test_a_single_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, sources):
+def test_the_ports_of_a_single_vehicle_share_a_noise_source_and_those_of_a_fleet_do_not(samples, sources):
     """Every port receives the numbers of its own stream."""
     builder, ports = turbulent_builder(len(samples))
     connect_noise(builder, ports, Samples(7, tuple(samples)))

@@ -12,7 +12,7 @@ from drake_quad.randomness.seeding import child_words
     samples=st.lists(st.integers(0, 2**31 - 1), min_size=1, max_size=4),
     kind=st.integers(0, 2),
 )
-def test_words_agree_with_numpys_seed_sequence(entropy, samples, kind):
+def test_child_words_agree_with_numpys_seed_sequence(entropy, samples, kind):
     actual = child_words(entropy, np.array(samples), kind)
     for word, sample in zip(actual, samples, strict=True):
         sequence = np.random.SeedSequence(entropy, spawn_key=(sample, kind))
@@ -20,7 +20,7 @@ def test_words_agree_with_numpys_seed_sequence(entropy, samples, kind):
 
 
 @given(seeds=st.lists(st.integers(0, 2**63 - 1), min_size=1, max_size=5), kind=st.integers(0, 2))
-def test_samples_of_several_studies_have_the_same_words_as_in_each_study(seeds, kind):
+def test_child_words_of_several_seeds_equal_the_words_of_each_seed_alone(seeds, kind):
     samples = np.arange(len(seeds)) * 7
     actual = child_words(np.array(seeds), samples, kind)
     assert actual.tolist() == [

@@ -99,8 +99,8 @@ def test_uniform_numbers_have_a_uniform_distribution(states):
 
 
 @pytest.mark.parametrize("word", [0, 2**64 - 1])
-def test_extreme_words_give_finite_numbers(word):
-    """The numbers are computed directly from the state, and by machine code as the first number of a stream."""
+def test_random_bits_that_are_all_0_or_all_1_give_finite_numbers(word):
+    """Machine code computes the same number as the first number of a stream."""
     state = np.array([inverse_splitmix64(word)], dtype=np.uint64)
     assert splitmix64(state) == word
     before = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)
@@ -111,7 +111,7 @@ def test_extreme_words_give_finite_numbers(word):
 
 
 @pytest.mark.slow
-def test_numbers_of_consecutive_ticks_of_neighbouring_vehicles_and_in_a_pair_are_independent(states):
+def test_normal_numbers_of_different_ticks_vehicles_streams_and_seeds_are_independent(states):
     numbers = normal_pairs(states, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)
     for a, b in (
@@ -135,7 +135,7 @@ def test_the_numbers_of_a_sample_do_not_depend_on_its_position_in_the_fleet():
     assert np.unique(np.concatenate([mass, *others])).size == 3000
 
 
-def test_samples_of_several_studies_have_the_same_streams_as_in_each_study():
+def test_streams_of_several_seeds_equal_the_streams_of_each_seed_alone():
     together = stream_states((3, 2**40), (7, 8), StreamKind.WIND, "gust")
     alone = [stream_states(seed, (sample,), StreamKind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
     np.testing.assert_array_equal(together, np.concatenate(alone))

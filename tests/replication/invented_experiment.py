@@ -28,7 +28,7 @@ def metrics_of(rng, shape, level=1.0, crashes=0.0):
 
 
 def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
-    """Return an invented experiment.
+    """Return an experiment whose results are random numbers, so that nothing has to be simulated.
 
     Args:
         num_samples: number of samples of each cell.

@@ -129,7 +129,7 @@ def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypat
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 5.0), (0.1, 1.5)])
-def test_a_range_without_the_target_is_refused(low, high):
+def test_a_parameter_range_that_cannot_reproduce_the_target_error_is_refused(low, high):
     free = FreeParameter("gain (1/s)", low, high, lambda value: value)
     words = (
         f"no gain (1/s) between {low:g} and {high:g} reproduces the mean error of 1.75 m: the error differs from the"

@@ -136,7 +136,8 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
-    # Reductions are about 0.55 with narrow sets, 0.45 with wide sets, and larger with another λ.
+    # The networks reduce the error by a fraction of about 0.55 with narrow sets and 0.45 with wide sets, and by more
+    # with other values of λ.
     assert half.verdict == "holds in part"
     cut, *others = (
         difference_from(ratio_of_cells(found, "no_wind", name, "pd"), 1.0)
@@ -407,7 +408,7 @@ def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
     )
 
 
-def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
+def test_files_contain_the_comparison_with_other_controllers_and_the_effort_ratios(found, tmp_path):
     entries, matches = fair_entries(found), effort_matches(found)
     with write_fair(tmp_path / "fair.csv", entries).open(encoding="utf-8") as file:
         for row, entry in zip(csv.DictReader(file), entries, strict=True):
@@ -427,10 +428,10 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
 
     Args:
         cells: results by (wind or None for all, controller, metric).
-        recorded: results of PD+T2FNN without wind, by name.
-        noise: RMSE by (index of the noise amplitude, exponents).
-        fractions: RMSE by (index of the value of q, exponents).
-        slope: smallest RMSE over the slopes.
+        recorded: values of the measures of PD+T2FNN without wind, by name.
+        noise: RMSE by (index in `NOISE_LEVELS`, exponents of the network).
+        fractions: RMSE by (index in `Q_VALUES`, exponents of the network).
+        slope: RMSE with one of the slopes in `SLOPES`; it is 1 with all others.
     """
 
     def metrics(shape, **numbers):
@@ -540,8 +541,8 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     ("pd", "network", "verdict"),
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
-def test_the_claim_about_a_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
-    """The cases differ in the number of gains that are nearly as good as the best."""
+def test_the_claim_that_any_stabilising_gains_suffice_requires_more_than_half_of_the_gains(pd, network, verdict):
+    """Of four gains, `pd` and `network` are nearly as good as the best, for the PD alone and for PD+T2FNN."""
     experiment = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}

@@ -56,7 +56,7 @@ def test_recorded_samples_equal_single_flights():
         np.testing.assert_allclose(flight.metrics, alone.metrics, rtol=1e-9)
 
 
-def test_a_fleet_with_several_settings_agrees_with_overrides_of_a_scenario():
+def test_settings_in_a_fleet_give_the_same_error_as_overrides_of_the_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
@@ -84,7 +84,7 @@ def test_gains_apply_to_both_horizontal_axes():
     assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
 
 
-def test_all_legs_except_the_rise_are_straight_or_curved():
+def test_every_leg_except_the_rise_is_listed_as_straight_or_curved():
     names = {leg.name for leg in plan_route(scenario("no_wind_pd")).legs}
     assert names == {"rise", *STRAIGHT_LEGS, *CURVED_LEGS}
 
@@ -99,7 +99,7 @@ def test_leg_errors_add_up_to_the_total():
     assert errors.swing[0, 0] > 0.0
 
 
-def test_the_experiment_has_the_sizes_in_the_report():
+def test_the_experiment_has_the_numbers_of_flights_that_the_report_states():
     assert ExperimentSizes() == (1000, 8, 60, 16, 4, 16)
     assert QUICK == (4, 4, 4, 5, 2, 2)
     flights = {
@@ -133,7 +133,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
-def test_fleets_are_filled_with_settings(count, sizes):
+def test_a_fleet_flies_as_many_settings_as_fit_into_it(count, sizes):
     """A fleet has at most 1,024 vehicles, unless a single setting has more samples."""
     settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
@@ -153,7 +153,7 @@ def kept(*arguments, **options):
 
 
 @pytest.mark.slow
-def test_recorded_samples_are_the_first_samples_of_the_cell(tmp_path, monkeypatch):
+def test_recorded_samples_are_the_first_samples_of_their_table_cell(tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "measures", lambda flight: {"twice": 2.0 * flight.metrics.rmse, "once": 1.0})
     study = scenario("low_wind_pd_t2fnn", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)

@@ -34,14 +34,14 @@ def pulses(*heights):
     return flight(pd=pd)
 
 
-def test_pd_fade_compares_the_last_quarter_with_the_quarter_after_the_rise():
+def test_measure_pd_fade_divides_the_last_quarter_by_the_quarter_after_the_rise():
     found = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
     # The quarters are 200 ticks long, from 4.00 s to 7.98 s and from 12.02 s to 16.00 s.
     assert found["pd_fade"] == pytest.approx(0.25)
 
 
-def test_pd_return_compares_output_after_and_before_segment_changes():
-    """Only the changes at 8 and 12 s count: before the first two legs, there is no flight or only a climb."""
+def test_measure_pd_return_divides_the_pd_output_after_a_new_segment_by_that_before():
+    """Only the segments from 8 and 12 s count. No segment precedes the first, and a climb precedes the second."""
     heights = [1.0] * 16
     heights[3], heights[4] = 50.0, 70.0
     heights[7], heights[11] = 2.0, 4.0

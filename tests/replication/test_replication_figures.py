@@ -112,7 +112,7 @@ def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_resu
                 np.testing.assert_allclose(next(means), [[line.mean, row - 0.17]])
         assert next(runs, None) is next(means, None) is None
         assert axes.get_ylim() == (3.5, -0.5)
-        # The axis contains all printed values, and our values of the committed report.
+        # The axis contains all values that the paper prints, and all values of the committed report.
         assert axes.get_xlim() == (0.4, 1.1)
     handles = legend_of(figure)
     shown = {line.get_marker(): line for line in figure.axes[0].lines}
@@ -253,7 +253,7 @@ def test_commands_of_pd_and_network_add_up_to_the_command(flights):
         assert (pd.get_label(), network.get_label()) == (r"PD, $\tau_c$", r"network, $-\tau_f$")
 
 
-def test_bars_of_the_fair_comparison_are_mean_errors(found):
+def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(found):
     figure = figures.fair_figure(found)
     (axes,) = figure.axes
     heights = []
@@ -365,7 +365,7 @@ def test_leg_numbers_are_centred_at_the_top(flights):
         np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])
         assert all(0.88 < text.xy[1] < 1.0 for text in numbers)
         assert axes.get_xlim() == (0.0, last)
-    # The leg numbers occupy the top tenth of the axes, above the margin of all curves.
+    # The leg numbers are in the top tenth of the axes. All curves stay below them.
     bottom, top = axes.get_ylim()
     highest = max(line.get_ydata().max() for line in axes.lines if len(line.get_ydata()) == len(flight.time))
     assert 0.82 < (highest - bottom) / (top - bottom) < 0.92

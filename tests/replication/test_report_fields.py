@@ -83,7 +83,7 @@ def test_a_claim_has_a_section_with_its_rule_and_its_evidence():
     assert row == "| a is less than b | print | ours | **holds** |"
 
 
-def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
+def test_the_comparison_with_other_controllers_has_a_row_for_each_controller_and_wind():
     rng = np.random.default_rng(1)
     cells = {
         cell: Study(
@@ -134,7 +134,7 @@ def test_the_table_of_effort_definitions_begins_with_the_printed_ratios():
     assert fields["scatter"] == published_scatter()
 
 
-def test_the_calibration_is_shown_with_the_printed_errors():
+def test_the_calibration_table_lists_our_errors_beside_the_errors_that_the_paper_prints():
     calibration = read_table(Path(report.__file__).parent / "calibration.csv")
     fields = report._calibration_fields()
     rows = [line.strip("| ").split(" | ") for line in fields["calibration"].split("\n")]
@@ -164,7 +164,7 @@ def test_the_calibration_is_shown_with_the_printed_errors():
 
 
 def test_the_committed_report_has_the_current_assumptions_and_calibration(root):
-    """The assumptions are rows of a table in the template, with values of the scenarios."""
+    """The assumptions are table rows in the template, whose placeholders are replaced by values from a scenario."""
     text = (root / "docs" / "replication" / "report.md").read_text(encoding="utf-8")
     template = Path(report.__file__).with_name("report_template.md").read_text(encoding="utf-8")
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn")

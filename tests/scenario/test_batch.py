@@ -12,7 +12,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 
-# Equivalent SciPy distribution (name and arguments), by the text of a distribution in the scenario language.
+# For each distribution in the scenario language, the name and the arguments of the equivalent SciPy distribution.
 SCIPY_DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": ("uniform", (0.6, 0.2)),
     "{log_uniform: {min: 0.1, max: 10}}": ("loguniform", (0.1, 10.0)),
@@ -58,7 +58,7 @@ def test_a_sample_does_not_depend_on_the_other_samples(study):
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
-def test_random_streams_of_rotor_fields_still_count_rotors_from_0(study):
+def test_names_of_random_streams_count_rotors_from_0_although_paths_count_from_1(study):
     scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
     errors = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
     np.testing.assert_array_equal(errors, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))

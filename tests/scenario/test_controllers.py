@@ -48,7 +48,7 @@ def load(controller, *overrides):
         ),
         ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must have one to four of"),
         ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must have 3 numbers, one for each centre"),
-        ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must lie within one period"),
+        ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must span less than one period"),
         ("inputs.phase", "{centres: [0, 0.4], widths: [0.3, 0.25]}", "sets at 0.4 and 1.0 overlap"),
         (
             "inputs.phase",
@@ -88,7 +88,7 @@ def test_the_error_for_an_invalid_network_parameter_names_its_field(field, value
     assert field.split(".")[0] in str(caught.value)
 
 
-def test_a_type_1_network_rejects_exponents_of_ellipses():
+def test_a_type_1_network_rejects_the_exponents_of_type_2_networks():
     for field in ("a1", "adaptive.exponents"):
         with pytest.raises(InputError, match="(a1|exponents) is unknown"):
             load("pd_t1fnn", f"{NETWORK_FIELD}.{field}=1.2")

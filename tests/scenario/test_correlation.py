@@ -120,8 +120,11 @@ def test_samples_of_a_field_do_not_depend_on_uncorrelated_fields(study):
     )
 
 
-def test_shared_variables_are_distinguished_by_name(study):
-    """Fields that have correlations of 1 or -1 with the same variable are equal or opposite."""
+def test_only_fields_with_the_same_shared_variable_are_correlated(study):
+    """Two fields with correlations of 1 or -1 to the variable `a` have equal or opposite ranks.
+
+    Two fields with correlations to different variables are independent.
+    """
     one, same, other = (
         Batch.draw(study(*correlated_overrides("{a: 1.0}", shared, "")), range(200)).varying
         for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
@@ -205,7 +208,7 @@ def test_an_uncorrelated_normal_is_saved_as_in_earlier_releases(study):
 
 
 def test_an_extension_replaces_the_distribution_of_one_field_only(study, diagrams, tmp_path):
-    """A number or distribution replaces a whole distribution, including its shared variables."""
+    """A number or distribution replaces a whole distribution, including its correlations with shared variables."""
     base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in correlated_overrides())
     path = tmp_path / "mine.yaml"
     faster = normal_text(0.05, 0.001, "", ", min: 0.03, max: 0.07")
@@ -248,7 +251,7 @@ def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
     np.testing.assert_allclose(weak, size, rtol=0.02, atol=1e-9)
 
 
-def test_correlated_normals_share_few_variables():
+def test_correlated_normal_distributions_need_few_shared_variables():
     """A pair of fields, or several fields with a common cause, need one variable. Uncorrelated fields need none."""
     pair = correlated_normals("ab", np.zeros(2), np.array([[4.0, -1.0], [-1.0, 1.0]]))
     assert pair["a"] == {"normal": {"mean": 0.0, "standard_deviation": 2.0, "shared": {"common_1": 0.7071}}}

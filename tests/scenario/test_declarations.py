@@ -22,7 +22,11 @@ for_each_quantity = pytest.mark.parametrize(
 
 
 def is_refused(model, path, declared, value):
-    """Return whether a value is refused for every item of a quantity, in every kind of the surrounding mapping."""
+    """Return whether a model refuses a value of a field.
+
+    If the mapping with the field has several kinds, all of them must agree. If the field is a list, a refused value
+    must be refused for each item.
+    """
     first, *steps = path.split(".")
     whole = [value] * declared.items if declared.items else value
     for step in reversed(steps):

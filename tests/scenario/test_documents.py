@@ -33,11 +33,11 @@ def test_values_follow_the_core_schema_of_yaml_1_2(text, value):
     assert type(result) is type(value)
 
 
-def test_nan_is_a_number():
+def test_the_yaml_value_nan_is_read_as_a_float():
     assert math.isnan(parsed("key: .nan")["key"])
 
 
-def test_an_alias_has_the_value_of_its_anchor_and_a_mark_of_its_own_key():
+def test_an_alias_has_the_value_of_its_anchor_and_its_own_line_number():
     tree = parse_document("a: &x {mass: 1}\nb: *x\n&y c: 2\n*y : 3\n".replace("*y :", "d:"), "file.yaml").tree
     assert tree.to_python() == {"a": {"mass": 1}, "b": {"mass": 1}, "c": 2, "d": 3}
     assert str(tree.value["b"].mark) == "file.yaml:2"
@@ -91,7 +91,7 @@ def nested(levels, content):
     return "[" * levels + content + "]" * levels
 
 
-def test_a_document_counts_keys_and_values():
+def test_the_size_of_a_document_is_its_number_of_keys_and_values():
     assert parse_document("a: 1", "file.yaml").nodes == 3
     assert parse_document("", "file.yaml").nodes == 1
     assert parse_document("a: &x [1, 2]\nb: *x", "file.yaml").nodes == 9

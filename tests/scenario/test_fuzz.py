@@ -224,7 +224,7 @@ odd_values = st.one_of(
 
 
 def values_near(number):
-    """Return a Hypothesis strategy for values around a number: most with the same sign, some distributions."""
+    """Return a Hypothesis strategy for multiples of a number, and for distributions around the number."""
     low, high = sorted((0.9 * number, 1.1 * number))
     about = [
         {"uniform": {"min": low, "max": high}},

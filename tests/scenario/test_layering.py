@@ -51,7 +51,7 @@ def airframe(scenario):
 
 
 @pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLE_FILES, 2)])
-def test_a_vehicle_layer_replaces_the_vehicle_below_completely(load, first, second):
+def test_a_vehicle_layer_replaces_the_vehicle_of_lower_layers_completely(load, first, second):
     assert airframe(load(first, second, undesigned=True)) == airframe(load(second, undesigned=True))
 
 
@@ -93,7 +93,7 @@ def test_relative_distributions_scale_with_the_vehicle(load):
     assert tuple(mine.vehicle.body_drag.linear[2].extremes()) == pytest.approx((0.16, 0.24))
 
 
-def test_the_paper_s_vehicle_has_exactly_the_distributions_of_robustness():
+def test_relative_distributions_in_robustness_yaml_apply_unchanged_to_the_paper_s_vehicle():
     vehicle = load_scenario("robustness").vehicle
     assert (vehicle.mass.normal.mean, vehicle.mass.normal.standard_deviation) == (0.68, 0.01)
     assert (vehicle.mass.normal.min, vehicle.mass.normal.max) == (0.64, 0.72)
@@ -116,7 +116,7 @@ def test_a_relative_choice_scales_each_of_its_values(load):
     assert load_scenario("figure_eight", field).vehicle.mass.choice == pytest.approx((0.17, 0.34, 1.36), rel=1e-12)
 
 
-def test_a_relative_distribution_of_an_identified_field_is_relative_to_its_median(load):
+def test_a_relative_distribution_over_another_distribution_is_relative_to_its_median(load):
     own = "  vehicle: {mass: {relative: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5}}}}\n"
     measured = "{normal: {mean: 0.8, standard_deviation: 0.01, min: 0.7}}"
     beside = f"measured: {{extends: figure_eight, vehicle: {{mass: {measured}}}}}\n"
@@ -148,7 +148,7 @@ def test_a_single_item_of_a_list_can_be_a_relative_distribution(field, expected)
         assert extremes == pytest.approx(limits)
 
 
-def test_only_relative_items_of_a_list_are_applied_to_another_vehicle(load):
+def test_only_list_items_with_relative_distributions_apply_to_another_vehicle(load):
     spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {RELATIVE_UNIFORM}]}}}}\n"
     i_xx, i_yy, i_zz = load("spread", "x500", beside=X500_SCENARIO + spread).vehicle.inertia
     assert (i_xx, i_yy) == (0.0217, 0.0217)
@@ -156,8 +156,8 @@ def test_only_relative_items_of_a_list_are_applied_to_another_vehicle(load):
 
 
 @pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
-def test_a_vehicle_layer_keeps_only_relative_distributions_of_the_layers_below(load, field, count):
-    """Some fields have no nominal value. Their distributions are relative to 1 or to the arm length."""
+def test_a_vehicle_layer_keeps_only_the_relative_distributions_of_lower_layers(load, field, count):
+    """The items without a relative distribution become 0. Neither field has a nominal value."""
     items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
     _, *others = getattr(load("spread", "x500", beside=X500_SCENARIO + spread).vehicle, field)
@@ -204,7 +204,7 @@ def test_an_identified_response_is_replaced_together_with_its_vehicle(load):
     assert load("onboard", "x500", beside=X500_SCENARIO).laboratory.autopilot.kind == "attitude"
 
 
-def test_a_few_vehicle_fields_modify_the_vehicle_below(load):
+def test_a_layer_with_few_vehicle_fields_modifies_the_vehicle_of_lower_layers(load):
     mixed = load("vehicles/racer", "laboratory:low_wind", own="  vehicle: {mass: 0.8}\n", undesigned=True)
     assert (mixed.nominal.mass, mixed.vehicle.mass, mixed.vehicle.rotor_time_constant) == (0.75, 0.8, 0.033)
 
@@ -232,7 +232,7 @@ def test_the_default_vehicle_is_used_if_no_layer_describes_a_vehicle(load):
     ],
 )
 def test_an_incomplete_vehicle_is_refused(load, missing):
-    """Mass and inertia, or most fields, describe another vehicle. Fewer fields modify the paper's vehicle."""
+    """A `nominal` with mass and inertia, or with most fields, describes another vehicle, which requires all fields."""
     lines = [line for line in X500_SCENARIO.splitlines() if line.split(":")[0].strip() not in missing]
     with pytest.raises(InputError, match=rf"nominal describes a vehicle, but without .*{missing[0]}"):
         load("x500", "robustness", beside="\n".join(lines) + "\n")
@@ -247,13 +247,13 @@ CONTROLLER_LAYERS = [
 
 
 @pytest.mark.parametrize("controller", CONTROLLER_LAYERS)
-def test_a_control_with_a_kind_replaces_the_control_below_completely(load, controller):
+def test_a_control_with_a_kind_replaces_the_control_of_lower_layers_completely(load, controller):
     alone = load("figure_eight", controller).control
     for base in ("robustness", "controllers/paper:pd_t2fnn", "controllers/mpc:mpc"):
         assert load("figure_eight", base, controller).control == alone
 
 
-def test_a_control_without_a_kind_modifies_the_control_below(load):
+def test_a_control_without_a_kind_modifies_the_control_of_lower_layers(load):
     mixed = load("robustness", own="  control: {position: {k_p: [1.0, 1.0, 6.0]}}\n")
     assert mixed.control.position.k_p == (1.0, 1.0, 6.0)
     assert mixed.control.network is not None
@@ -316,7 +316,7 @@ def test_a_flight_reports_that_nominal_differs_from_its_vehicle():
     assert "mass 0.9 kg (nominal 0.68)" in flight_remarks(load_scenario("figure_eight", uncertain))[0]
 
 
-def test_a_layout_with_distances_replaces_the_arm_length_of_the_layer_below(load):
+def test_a_layout_with_rotor_distances_replaces_the_arm_length_of_lower_layers(load):
     layout = "{kind: x, length: 0.3, width: 0.2}"
     assert load("laboratory:nominal", own=f"  nominal: {{layout: {layout}}}\n").nominal.layout.length == 0.3
     assert load_scenario("laboratory:nominal", [f"nominal.layout={layout}"]).vehicle.layout.width == 0.2
@@ -376,7 +376,7 @@ def test_a_rotor_displaced_by_a_fifth_of_the_arm_length_is_reported(first, third
     assert not is_reported or "use: rotor 1 at" in remarks[0]
 
 
-def test_a_random_centre_of_mass_is_reported_if_its_mean_is_five_standard_deviations_off():
+def test_a_random_centre_of_mass_is_reported_if_its_mean_is_five_standard_deviations_from_zero():
     """The offset is reported if it exceeds a tenth of the arm length and five standard deviations."""
     for standard_deviation, is_reported in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
         normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}

@@ -69,7 +69,7 @@ def test_a_scenario_extended_several_times_is_resolved_only_once(write, monkeypa
 
 
 @pytest.mark.slow
-def test_the_number_of_extended_scenarios_is_limited(write):
+def test_the_number_of_scenarios_that_a_scenario_extends_is_limited(write):
     path = write(chain(2000))
     assert load_scenario(f"{path}:s{limits.MAX_BASES}").control.position.k_d[2] == 1.5
     assert "extends too many scenarios: the limit is 100" in refusal(load_scenario, f"{path}:s{limits.MAX_BASES + 1}")

@@ -337,7 +337,7 @@ def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
     message = refusal(
         write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
     )
-    assert message.endswith("but must be left out, since the layout has distances")
+    assert message.endswith("but must be left out, since the distances in the layout determine it")
 
 
 def test_overrides_and_messages_number_rotors_in_the_same_way(write):
@@ -372,7 +372,7 @@ def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
         ("layout: {kind: h, length: 0.2, width: 0.3}", "layout: {kind: plus}, arm_length: 0.21", (False, True)),
     ],
 )
-def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(
+def test_a_saved_layout_with_rotor_distances_has_no_arm_length_and_the_same_rotors(
     write, tmp_path, nominal, vehicle, has_arm_length
 ):
     scenario = load_scenario(write(f"a:\n{MINIMAL_FIELDS}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
@@ -506,17 +506,17 @@ def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nom
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: "
             "[{normal: [1, 1, 0], point: [1, 0, 0]}, {normal: [-1, -1, 0], point: [2, 0, 0]}]}]}",
-            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces leave no point$",
+            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces have no point in common$",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0], max: [1, 1, 1], "
             "half_spaces: [{normal: [1, 1, 0], point: [-1, 0, 0]}]}]}",
-            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces leave no point of the box$",
+            r"2: route.corridors.0 is .*, but its box and its half-spaces have no point in common$",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: "
             "[{normal: [1, 1, 0], point: [0, 0, 0]}, {normal: [-1, -1, 0], point: [0, 0, 0]}]}]}",
-            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces leave only a plane",
+            r"2: route.corridors.0 is .*, but must have a volume, but its half-spaces have only a plane",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], "

@@ -26,7 +26,7 @@ def test_an_lqg_layer_replaces_a_cascade_without_a_kind(tmp_path):
         f"back: {{extends: [mine, {PD}], control: {{position: {{k_p: [2, 2, 2]}}}}}}\n"
     )
     mine, back = (load_scenario(f"{path}:{name}") for name in ("mine", "back"))
-    # A layer whose control has no kind modifies the control of the layers below.
+    # A layer whose control has no kind modifies the control of the lower layers.
     assert (mine.control.kind, mine.control.max_tilt, mine.control.lateral.lag) == ("lqg", 0.5, 0.04)
     assert mine.control.lateral.command_weight == load().control.lateral.command_weight
     assert (back.control.kind, back.control.position.k_p[0]) == ("cascade", 2.0)

@@ -1,4 +1,4 @@
-"""Tests of model predictive control in the scenario language: messages about mistakes, and the limits that it sets."""
+"""Tests of model predictive control in the scenario language: messages about mistakes, walls, and the horizon."""
 
 import math
 import re

@@ -108,7 +108,7 @@ def test_a_distribution_replaces_another_distribution_completely(load):
         assert replaced.vehicle.mass.model_dump(mode="json") == given
 
 
-def test_a_python_path_may_name_a_file(load):
+def test_an_override_may_name_a_file_by_a_pathlib_path(load):
     with pytest.raises(
         InputError,
         match="^override control.network.learned: control.network.learned names nowhere.yaml, which does not exist$",

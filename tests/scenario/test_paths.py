@@ -21,7 +21,7 @@ def test_every_value_is_found_at_its_path(scenario):
     assert values_by_path["laboratory.wind.0.kind"] == "fan"
 
 
-def test_distributions_in_a_scenario_are_exactly_its_values_of_that_type(scenario):
+def test_distributions_in_finds_every_value_that_is_a_distribution(scenario):
     distributions = distributions_in(scenario)
     assert list(distributions) == [path for path, value in leaves(scenario) if isinstance(value, Distribution)]
     assert len(distributions) == 31

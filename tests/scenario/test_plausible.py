@@ -74,7 +74,7 @@ def test_a_remark_on_a_value_in_a_wrong_unit_names_its_likely_unit(path, value, 
         ("vehicle.rotor_failure={rotor: 1, time: 1, speed_factor: 50}", "50 % are 0.5"),
     ],
 )
-def test_a_fraction_in_percent_is_refused_with_its_value(override, words):
+def test_a_fraction_in_percent_is_refused_and_the_message_converts_it(override, words):
     with pytest.raises(ValueError, match=words):
         load_scenario("hover", [override])
 

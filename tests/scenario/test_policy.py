@@ -380,9 +380,12 @@ def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
 
 
 def two_layers(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
-    """Return the nodes of two dense layers, with given nodes of an activation between them.
+    """Return the nodes of two dense layers and of the activation between them.
 
-    `first` names the input and output of the first layer.
+    Args:
+        first: names of the input and the output of the first layer.
+        activation: nodes of the activation, each as a node or as the arguments of `make_node`.
+        last: name of the output of the second layer.
     """
     begin = helper.make_node("Gemm", [first[0], "W", "B"], [first[1]], transB=1)
     between = [each if not isinstance(each, tuple) else helper.make_node(*each) for each in activation]
@@ -390,7 +393,7 @@ def two_layers(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["a
 
 
 def approximated_gelu(power, coefficient):
-    """Return two layers with 4 GELU(x / 2) between them, written as arithmetic with named constants."""
+    """Return two layers with the activation 4 GELU(x / 2), which is written as arithmetic with named constants."""
     return two_layers(
         activation=[
             ("Mul", ["hidden", "half"], ["u"]),
@@ -574,7 +577,7 @@ def test_all_supported_forms_of_onnx_networks_have_the_output_of_the_evaluator(l
         ),
         (
             two_layers(activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "D"], ["active"])]),
-            "has arithmetic with . numbers after 4 neurons",
+            "has arithmetic of 4 neurons with . numbers",
         ),
         (
             two_layers(
@@ -602,7 +605,7 @@ def test_all_supported_forms_of_onnx_networks_have_the_output_of_the_evaluator(l
             [make_node("Clip", ["seen", "minus", "half"], ["a"]), *two_layers(first=("a", "hidden"))],
             "has a Clip of the input to -1 and 0.5; only limits that are symmetric about zero",
         ),
-        (two_layers(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic with . numbers after"),
+        (two_layers(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic of 4 neurons with . numbers"),
         (
             [make_node("Add", ["seen", "C"], ["a"]), *two_layers(first=("a", "hidden"))],
             "3 rows|different sizes|must have 6",
@@ -687,7 +690,7 @@ def test_the_action_is_the_output_named_actions_or_the_first_output(tmp_path, na
 
 @pytest.mark.parametrize("bounds", [(-0.05, 0.05), (0.0, 1.0), (-0.02, 0.03), (-1.0, 1.0), (0.01, None), (None, 0.02)])
 @pytest.mark.parametrize("position", ["hidden", "action", "scaled action", "activated action"])
-def test_a_network_with_limited_layers_has_the_output_of_the_onnx_evaluator(load_onnx, position, bounds):
+def test_a_network_with_clipped_layers_has_the_output_of_the_onnx_evaluator(load_onnx, position, bounds):
     names = [name if each is not None else "" for name, each in zip(("low", "high"), bounds, strict=True)]
     limits = {name: np.array(each) for name, each in zip(names, bounds, strict=True) if each is not None}
     nodes = {
@@ -792,7 +795,7 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
                 helper.make_node("Tanh", ["a"], ["b"]),
                 helper.make_node("Mul", ["b", "W"], ["done"]),
             ],
-            "has arithmetic with 18 numbers after 3 neurons",
+            "has arithmetic of 3 neurons with 18 numbers",
         ),
         (
             [helper.make_node("GRU", ["seen", "W", "W"], ["", "done"], hidden_size=3)],

@@ -61,7 +61,7 @@ def check_member(kind, fields):
 @pytest.mark.parametrize(
     ("kind", "fields"), [(kind, fields) for kind in ROUTES.members for fields in ROUTE_FIELDS.get(kind, [{}])]
 )
-def test_every_kind_of_route_agrees_with_its_plan(kind, fields):
+def test_declarations_of_every_kind_of_route_agree_with_its_plan(kind, fields):
     """The plan ends at the known end of the route and satisfies its limits."""
     check_member(kind, fields)
 

@@ -91,7 +91,7 @@ def check_member(kind, name):
 
 
 @pytest.mark.parametrize("name", SENSORS.members)
-def test_every_kind_of_sensor_agrees_with_its_system(name):
+def test_declarations_of_every_kind_of_sensor_agree_with_its_system(name):
     check_member(SENSORS.get(name), name)
 
 
@@ -307,7 +307,7 @@ def test_a_user_s_sensor_is_part_of_the_language_while_it_is_registered(altimete
     SENSORS.register(altimeter)
 
 
-def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(altimeter):
+def test_a_sensor_class_is_refused_if_attributes_are_missing_or_its_kind_is_taken(altimeter):
     class IncompleteSensor(SensorSettings):
         kind: Literal["incomplete"]
         noise: ClassVar = ()
@@ -371,7 +371,7 @@ def test_sensors_do_not_change_linear_models():
 @pytest.mark.long
 @pytest.mark.parametrize("layer", [name for name in shipped_scenarios() if name.startswith("sensors/")])
 def test_shipped_sensors_measure_hover_within_the_errors_of_their_data_sheets(layer):
-    """The sensors of a layer have random biases, which are drawn for a sample. White noise is below six deviations."""
+    """Each sensor has a random bias. Bias and white noise are below six of their standard deviations."""
     flight = simulate(load_scenario("hover", ["duration=0.4", "sample=1"], layers=[layer]))
     assert {"gyroscope", "accelerometer"} <= {*flight.scenario.laboratory.named_sensors}
     rates, force = flight.record("gyroscope"), flight.record("accelerometer")

@@ -36,7 +36,7 @@ def test_a_file_can_extend_a_shipped_scenario(tmp_path):
     )
     layered = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
     assert load_scenario(tmp_path / "mine.yaml:a").control == layered.control
-    # A name without a file refers to the same file if it contains such a scenario.
+    # In `extends`, a name without a file refers to a scenario in the same file, if the file contains one of this name.
     assert load_scenario(tmp_path / "mine.yaml:hover").route == layered.route
     (tmp_path / "other.yaml").write_text(
         "mine: {extends: hover}\nfaulty: {extends: laboratory}\nmore: {extends: nowhere}\n"

@@ -48,7 +48,7 @@ TESTED_CONTROLS = [
 
 
 def example(kind: type[Model]) -> Any:
-    """Return an instance of a model in which all required numbers are one, and each part has its first kind."""
+    """Return an instance of a model in which each required number is 1 and each required part has its default kind."""
     fields = {name: value_for(info) for name, info in kind.model_fields.items() if info.is_required()}
     return kind.model_validate(fields)
 
@@ -98,7 +98,7 @@ def check_position_controller(kind, setting):
 
 
 @for_each_member(POSITION_CONTROLLERS)
-def test_every_position_controller_agrees_with_its_systems(kind, settings):
+def test_declarations_of_every_position_controller_agree_with_its_systems(kind, settings):
     check_position_controller(kind, settings["figure_eight"])
     plain = example(kind).without_estimator()
     assert plain.without_estimator() is plain
@@ -107,7 +107,7 @@ def test_every_position_controller_agrees_with_its_systems(kind, settings):
 
 
 @for_each_member(ATTITUDE_CONTROLLERS)
-def test_every_attitude_controller_agrees_with_its_system(kind, settings):
+def test_declarations_of_every_attitude_controller_agree_with_its_system(kind, settings):
     attitude, nominal = example(kind), settings["figure_eight"].nominal
     inputs, outputs = port_names(attitude.recipe(nominal.inertia, 0.02).build(2))
     assert inputs >= {"measurement", "attitude_command"}
@@ -121,7 +121,7 @@ def test_every_attitude_controller_agrees_with_its_system(kind, settings):
 
 
 @for_each_member(AUTOPILOTS)
-def test_every_autopilot_agrees_with_its_system(kind, settings):
+def test_declarations_of_every_autopilot_agree_with_its_system(kind, settings):
     autopilot, nominal = example(kind), settings["onboard"].nominal
 
     def recipes_of(autopilot):
@@ -179,12 +179,12 @@ def check_action(kind, settings):
 
 
 @for_each_member(ACTIONS)
-def test_every_action_agrees_with_its_system(kind, settings):
+def test_declarations_of_every_action_agree_with_its_system(kind, settings):
     check_action(kind, settings)
 
 
 @pytest.mark.parametrize(("scenario", "layers"), TESTED_CONTROLS)
-def test_every_control_agrees_with_its_diagram(scenario, layers):
+def test_declarations_of_every_control_agree_with_its_diagram(scenario, layers):
     scenario = load_scenario(scenario, layers=layers)
     control, setting = scenario.control, setting_of(scenario)
     recipes = control.recipes(setting)

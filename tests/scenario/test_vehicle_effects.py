@@ -125,7 +125,10 @@ def rotates_body(name, effect):
 
 
 def slopes_along_axes_of(effect):
-    """Return the derivatives of the force along each axis with respect to the airspeed along it, up to 5 m/s, N s/m."""
+    """Return the absolute derivatives of the force along each axis with respect to the airspeed along this axis, N s/m.
+
+    They are computed at airspeeds from -5 to 5 m/s.
+    """
     rotors, wrench = RotorSpeed(*[PAPER_VEHICLE.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
     def force(air):
@@ -164,7 +167,7 @@ def check_member(name, kind):
 
 
 def check_response(name, kind):
-    """Assert that the language allows an effect with an identified response only if the response models the effect."""
+    """Assert that an identified attitude response can be combined with exactly the effects that its system models."""
     vehicle = with_effect(name, example(name, kind))
     effects = vehicle.effect_parameters()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
@@ -180,8 +183,8 @@ def check_response(name, kind):
 
 
 @pytest.mark.parametrize(("name", "kind"), EFFECTS.members.items(), ids=[*EFFECTS.members])
-def test_every_effect_agrees_with_the_motion(name, kind):
-    """The attributes declare whether the vehicle stays in hover, couples its axes, and oscillates."""
+def test_declarations_of_every_effect_agree_with_the_simulated_motion(name, kind):
+    """An effect declares whether it changes in hover, whether it couples the axes, and how fast it oscillates."""
     check_member(name, kind)
     check_response(name, kind)
 

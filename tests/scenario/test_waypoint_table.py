@@ -56,7 +56,7 @@ def test_times_may_name_a_timing_method(write):
     assert mission.route.times.kind == "heuristic"
 
 
-def test_a_scenario_can_extend_a_table(write, diagrams):
+def test_a_scenario_can_extend_a_waypoint_table(write, diagrams):
     write("0,0,1\n1,0,1\n")
     path = write(f"a:\n  extends: [{diagrams / 'hover.yaml'}, course.csv]\n", "a.yaml")
     assert points(load_mission(path)) == [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)]

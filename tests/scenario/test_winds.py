@@ -28,7 +28,7 @@ SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a wind source of a kind, located near `POSITIONS`. All other required fields are one."""
+    """Return a wind source of a kind, located near `POSITIONS`. All other required fields have the value 1."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -85,7 +85,7 @@ def check_member(kind):
 
 
 @pytest.mark.parametrize("kind", WINDS.members.values(), ids=lambda kind: kind.__name__)
-def test_every_kind_of_wind_agrees_with_its_system(kind):
+def test_declarations_of_every_kind_of_wind_agree_with_its_system(kind):
     """The wind depends on position and time as the source declares, and does not exceed the declared largest speed."""
     check_member(kind)
 
@@ -118,7 +118,7 @@ def test_a_user_s_wind_follows_the_power_law_uncompiled_and_compiled(shear_wind)
 
 
 @pytest.mark.long
-def test_checks_linear_models_and_hover_errors_include_a_user_s_wind(shear_wind):
+def test_a_user_s_wind_acts_in_flight_checks_linear_models_and_tracking_errors(shear_wind):
     """A wind that is too strong is refused, linear models include the wind, and hover errors depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))

@@ -43,7 +43,11 @@ def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
 def estimate(
     memory: tuple[Any, ...], measured: tuple[AxisMeasurement, ...], laws: tuple[Any, ...], limit: Row, period: float
 ) -> tuple[tuple[Any, ...], tuple[Row, ...]]:
-    """Return the memory of each axis's law after the measurement of a tick, and the saturated disturbances, m/s²."""
+    """Correct the state of the law of each axis with a measurement.
+
+    Returns:
+        The corrected states, and the saturated disturbances in m/s².
+    """
     corrected = tuple(
         [
             law.correct(before, measurement, period)
@@ -61,11 +65,11 @@ def predict(
     lags: tuple[AxisCommand, ...],
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[AxisCommand, ...]]:
-    """Predict the memory of each axis's law and the modelled response at the next tick, before that tick's measurement.
+    """Predict the state of the law of each axis and the modelled response until the next tick.
 
     Args:
-        corrected: memory of each axis after the measurement.
-        following: modelled response of each axis at this tick.
+        corrected: state of each law after the measurement of this tick.
+        following: acceleration of each axis at this tick that the model predicts as the response to earlier commands.
         commands: commands that act on the vehicle from this tick on.
         laws: law of each axis.
         lags: modelled time constants, s.

@@ -42,7 +42,7 @@ class ModelIncrement(NamedTuple):
 
 
 class DisturbanceLaw(Protocol):
-    """Law that estimates the disturbance on one axis."""
+    """Law that estimates the disturbance on one axis. Its memory is the state that it keeps from tick to tick."""
 
     def initial_memory(self, position: Row) -> "tuple[Row, ...]":
         """Return the memory for a vehicle at rest at a position (m) without disturbance."""
@@ -51,7 +51,7 @@ class DisturbanceLaw(Protocol):
         """Return the memory after the measurement of a tick."""
 
     def predict(self, memory: "tuple[Row, ...]", increment: ModelIncrement, period: float) -> "tuple[Row, ...]":
-        """Return the memory predicted for the next tick, without the measurement of that tick."""
+        """Return the memory predicted for the next tick, given the modelled change of the motion until then."""
 
 
 class KalmanMemory(NamedTuple):
@@ -192,7 +192,7 @@ class AdaptiveLaw(NamedTuple):
         return DifferencedMemory(measured.velocity, 0.0, filtered, 0.0)
 
     def predict(self, memory: DifferencedMemory, increment: ModelIncrement, period: float) -> DifferencedMemory:
-        """Return the memory with the modelled change of the velocity; see `DisturbanceLaw`."""
+        """Return the memory for the next tick, which contains the modelled change of the velocity until then."""
         return memory._replace(modelled=increment.velocity)
 
 
@@ -232,5 +232,5 @@ class IncrementalLaw(NamedTuple):
         )
 
     def predict(self, memory: DifferencedMemory, increment: ModelIncrement, period: float) -> DifferencedMemory:
-        """Return the memory with the modelled change of the velocity; see `DisturbanceLaw`."""
+        """Return the memory for the next tick, which contains the modelled change of the velocity until then."""
         return memory._replace(modelled=increment.velocity)

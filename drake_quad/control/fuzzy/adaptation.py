@@ -48,9 +48,9 @@ _MIN_DISTANCE = 1e-9
 _MAX_DISPLACEMENT = 0.25
 # Smallest sum of the widths of two neighbouring sets, relative to the gap between their centres.
 _MIN_OVERLAP = 1.02
-# Smallest and largest exponents of the upper sets and of the lower sets.
-_UPPER_EXPONENTS = (1.001, 10.0)
-_LOWER_EXPONENTS = (0.1, 0.999)
+# Smallest and largest exponents: a₁ of the upper memberships, and a₂ of the lower memberships.
+_UPPER_EXPONENT_RANGE = (1.001, 10.0)
+_LOWER_EXPONENT_RANGE = (0.1, 0.999)
 
 
 class AdaptationRates(NamedTuple):
@@ -188,8 +188,8 @@ def adapt_antecedents(
     a1, a2, q, inputs = antecedents
     if "exponents" in parts:
         by = step * rates.exponents
-        a1 = _clipped(a1 - by * gradient.a1, *_UPPER_EXPONENTS)
-        a2 = _clipped(a2 - by * gradient.a2, *_LOWER_EXPONENTS)
+        a1 = _clipped(a1 - by * gradient.a1, *_UPPER_EXPONENT_RANGE)
+        a2 = _clipped(a2 - by * gradient.a2, *_LOWER_EXPONENT_RANGE)
         q = _clipped(q - by * gradient.q, 0.0, 1.0)
     if "centres" in parts:
         by = step * rates.centres

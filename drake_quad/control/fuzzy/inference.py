@@ -123,7 +123,9 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
 
 
 def firing_strengths(values: Sequence[Row], antecedents: Antecedents) -> tuple[Row, ...]:
-    """Return the R normalised firing strengths W; the set of the last input varies fastest.
+    """Return the normalised firing strengths W of the R rules.
+
+    There is a rule for each combination of sets. From each rule to the next, the set of the last input changes first.
 
     Args:
         values: values of the inputs, each in its unit.

@@ -88,7 +88,7 @@ class CovarianceLaw(NamedTuple):
         information = [
             dot([covariance[min(i, j), max(i, j)] for j in range(size)], firing) for i in range(size)
         ]  # g = P W
-        variance = dot(firing, information)  # c
+        variance = dot(firing, information)  # Wᵀ P W
         factor = period / (1.0 + period * variance)
         reduced = tuple(
             [memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()]
@@ -143,7 +143,7 @@ class SignLaw(NamedTuple):
         return "slope"
 
     def memory(self, num_rules: int) -> Rows:
-        """Return α₀."""
+        """Return the initial memory, which is the initial value α₀ of the adaptive gain."""
         return (self.initial_slope,)
 
     def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:

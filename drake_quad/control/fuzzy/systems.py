@@ -172,11 +172,14 @@ def surface(axis: Axis, parameters: LearningParameters, error: PositionError, ra
 def feedback(axis: Axis, parameters: LearningParameters, pd: Acceleration, disturbance: Acceleration) -> Row:
     """Return the acceleration τ_c - d that the controller's feedback commands on an axis, m/s².
 
-    Like s_p, this signal increases if the correction is too large. In τ = τ_c - τ_f - d, the network has learned the
-    whole disturbance when τ_c - d is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A
-    hierarchical neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987).
-    The estimate d is part of the feedback: it is the part of the disturbance that the network has not yet learned, and
-    it responds earlier than the error.
+    The acceleration τ_c is the output of the PD, and d is the estimated disturbance. The controller commands
+    τ = τ_c - τ_f - d, where τ_f is the correction by the network. When τ_c - d is zero, the network has learned the
+    whole disturbance (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical neural-network
+    model for control and learning of voluntary movement", Biological Cybernetics 57, 1987). Like s_p, this signal
+    increases if the correction is too large.
+
+    The estimate d is part of the feedback, since it is the part of the disturbance that the network has not learned
+    yet. It responds earlier than the error.
     """
     commanded: Row = getattr(pd, axis) - getattr(disturbance, axis)
     return commanded

@@ -38,7 +38,7 @@ from drake_quad.signals import Row
 
 
 class TorqueChain(NamedTuple):
-    """States along X or Y if torques are sent over the radio link."""
+    """State of the model along X or Y if torques are sent over the radio link."""
 
     position: Row
     velocity: Row
@@ -52,7 +52,7 @@ class TorqueChain(NamedTuple):
 
 
 class AttitudeChain(NamedTuple):
-    """States along X or Y if an autopilot is on board."""
+    """State of the model along X or Y if an autopilot is on board."""
 
     position: Row
     velocity: Row
@@ -65,11 +65,11 @@ class AttitudeChain(NamedTuple):
 
 
 class LaggingAttitudeChain(TorqueChain):
-    """States along X or Y if an autopilot is on board and the rotor lag is modelled separately."""
+    """State of the model along X or Y if an autopilot is on board and the rotor lag is modelled separately."""
 
 
 class VerticalChain(NamedTuple):
-    """States along Z."""
+    """State of the model along Z."""
 
     position: Row
     velocity: Row

@@ -159,7 +159,7 @@ class ChainCommands(NamedTuple):
 
 
 class SentCommands(NamedTuple):
-    """Commands that have been sent.
+    """Commands that the regulator has sent at earlier ticks, some of which may be in transit.
 
     Attributes:
         commands: commands, the oldest first; the oldest command acts until the next tick.
@@ -199,7 +199,7 @@ class Deviations(NamedTuple):
 
 
 class RegulatorOutput(NamedTuple):
-    """Output of the regulator.
+    """Output of the regulator at a tick.
 
     Attributes:
         command: command u.
@@ -228,7 +228,7 @@ def estimator_step(
     Args:
         measurement: last available frame, taken one period ago.
         before: state of the filter.
-        sent: sent commands.
+        sent: commands that were sent at earlier ticks.
         known: known part of the disturbing acceleration; None if no part is known.
         parameters: parameters of the controller.
         period: frame period h, s.
@@ -269,18 +269,18 @@ def regulator_output(
     parameters: LqgParameters,
     tick: float,
 ) -> RegulatorOutput:
-    """Return the output of the regulator.
+    """Return the output of the regulator at a tick.
 
     Args:
         estimate: current estimate.
         reference: reference.
         jerk: jerk of the reference.
         snap: snap of the reference.
-        sent: sent commands.
+        sent: commands that were sent at earlier ticks.
         correction: acceleration that is subtracted; None without a correction.
         perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are saturated
             at the limit instead.
-        parameters: parameters of the controller; without `torques` the horizontal command is an acceleration.
+        parameters: parameters of the controller. If `torques` is None, the horizontal command is an acceleration.
         tick: control period, s.
     """
     acceleration = corrected_acceleration(reference, correction)
@@ -439,7 +439,7 @@ def feedback_deviations(
 
 
 def next_sent(output: RegulatorOutput, snap: Snap, sent: SentCommands) -> SentCommands:
-    """Return the sent commands after a tick."""
+    """Return the sent commands as of the next tick, including the output of this tick."""
     _, *commands = (*sent.commands, output.command)
     _, *in_transit = (*sent.deviations, output.deviation)
     return SentCommands(tuple(commands), tuple(in_transit), output.upward, None if sent.snap is None else snap)
@@ -458,7 +458,10 @@ def position_error_rate(estimate: Estimate, reference: Reference) -> PositionErr
 
 
 def outer_feedback(error: PositionError, rate: PositionErrorRate, parameters: LqgParameters) -> Acceleration:
-    """Return the acceleration (K_p e + K_v ė) / k that the regulator commands for position and velocity errors."""
+    """Return the acceleration that the regulator commands for position and velocity errors.
+
+    It is (K_p e + K_v ė) / k, where k is the gain `outer` of the loop on the acceleration.
+    """
     loops = parameters.lateral, parameters.lateral, parameters.vertical
     return Acceleration._make(
         (loop.K.position * e + loop.K.velocity * v) / loop.outer for loop, e, v in zip(loops, error, rate, strict=True)
@@ -492,13 +495,13 @@ def _filtered(chain: Any, innovation: Sequence[Row], fresh: bool, u: Row, loop: 
 
 
 def _accelerated(chain: Any, acceleration: Row, period: float) -> Any:
-    """Return a chain after a period (s) of an additional constant acceleration."""
+    """Return the state of a chain after an additional constant acceleration (m/s²) has acted for a period (s)."""
     velocity = period * acceleration
     return chain._replace(position=chain.position + 0.5 * period * velocity, velocity=chain.velocity + velocity)
 
 
 def _at_rest(measurement: State, template: Estimate) -> Estimate:
-    """Return chains at rest at the measured position."""
+    """Return the state of chains at rest at the measured position."""
     positions = measurement.x, measurement.y, measurement.z
     chains = (chain._make([0.0] * len(chain)) for chain in template)
     return Estimate._make(chain._replace(position=position) for chain, position in zip(chains, positions, strict=True))
@@ -514,7 +517,7 @@ def _level_thrust(measurement: State, upward: Row) -> tuple[Row, Row]:
 
 
 def _feedback(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
-    """Return K [e; δu]."""
+    """Return the feedback K [e; δu] of a chain, given its deviation e and the deviations δu of its pending commands."""
     return dot((*loop.K, *loop.K_pending), (*e, *pending))
 
 

@@ -216,7 +216,7 @@ class LinearQuadraticGaussian(FleetSystem):
 
 
 def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:
-    """Build the diagram `control`, which contains the controller, and optionally a network and a programme.
+    """Build the diagram `control` of the controller, with an optional network and an optional predictive programme.
 
     Args:
         regulator: a `LinearQuadraticGaussian`, with the port `correction` if there is a network, and with the port

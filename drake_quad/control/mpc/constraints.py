@@ -26,8 +26,8 @@ from drake_quad.control.mpc.prediction import Prediction, Response
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Jerk, Reference, Snap
 
-# Number m of sides of the polygon. With 16 sides, at least 98 % of the largest tilt is allowed in every direction.
-
+# Number m of sides of the polygon that limits the tilt. With 16 sides, at least 98 % of the largest tilt is allowed in
+# every direction.
 _NUM_POLYGON_SIDES = 16
 
 
@@ -48,13 +48,13 @@ class Corridor(NamedTuple):
 
 
 class Preview(NamedTuple):
-    """Reference at a tick.
+    """Reference and its higher derivatives at a tick of the horizon.
 
     Attributes:
         reference: reference at the tick.
-        jerk: jerk at the tick.
-        snap: snap at the tick.
-        before: snap at the previous tick.
+        jerk: jerk of the reference at the tick.
+        snap: snap of the reference at the tick.
+        before: snap of the reference at the previous tick.
     """
 
     reference: Reference

@@ -46,14 +46,14 @@ class Prediction:
         self._powers = list(itertools.islice(powers, num_ticks))
 
     def command(self) -> Response:
-        """Return the response of the command, from the current tick on."""
+        """Return how the command u depends on state and perturbations over the horizon, from the current tick on."""
         free = [-self._K @ power for power in self._powers]
         return Response(
             np.array(free), self._forced_response([1.0, *(row @ self._B for row in free)]), starts_next_tick=False
         )
 
     def state(self, number: int) -> Response:
-        """Return the response of the state with the given index, from the next tick on."""
+        """Return how a state, given by its index, depends on state and perturbations, from the next tick on."""
         rows = [power[number] for power in self._powers]
         free = np.array([row @ self._closed for row in rows])
         return Response(free, self._forced_response([row @ self._B for row in rows]), starts_next_tick=True)

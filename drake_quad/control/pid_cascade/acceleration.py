@@ -34,7 +34,7 @@ def saturate_velocity_sum(first: tuple[Row, Row], second: tuple[Row, Row], large
     along = (x_1 * x_2 + y_1 * y_2) / size_2
     remaining_squared = maximum(largest * largest - size_1 * size_1, 0.0)
     scale_2 = minimum((sqrt(along * along + remaining_squared + TINY) - along) / size_2, 1.0)
-    # If the first velocity reaches the limit, the second is ignored.
+    # If the velocity `first` alone reaches the limit, the velocity `second` is ignored.
     exhausted = size_1 >= largest
     scale_1 = where(exhausted, largest / size_1, 1.0)
     scale_2 = where(exhausted, 0.0, scale_2)
@@ -90,7 +90,7 @@ def _velocity_loop(
     memories: Memories,
     period: Time,
 ) -> tuple[Vector, list[Memory]]:
-    """Return the acceleration that the velocity loop commands, m/s², and the loop's state without updated integrals."""
+    """Return the commanded acceleration, m/s², and the next state of the velocity loop with unchanged integrals."""
     command: Any = parameters.command
     axes = zip(
         *((r.a_x, r.a_y, r.a_z), (m.v_x, m.v_y, m.v_z), setpoint, error),

@@ -81,7 +81,7 @@ class CascadeParameters(NamedTuple):
 
 
 class CascadeRules(NamedTuple):
-    """Variants of the laws.
+    """Options in which the control laws of firmwares differ.
 
     Attributes:
         position_integrates_first: True if the integral in the output of the position loop includes the error of the

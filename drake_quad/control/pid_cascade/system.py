@@ -61,7 +61,7 @@ def step_cascade(
         held: state before the tick; None if the cascade has no state.
         tick: control period, s.
         num_ticks: period of the loops in ticks.
-        rules: variants of the laws.
+        rules: options in which the control laws of firmwares differ.
     """
     memory = empty_memory(parameters) if held is None else held.memory
     tilts = isinstance(parameters.command, TiltParameters)
@@ -123,7 +123,7 @@ class PidCascade(FleetSystem):
         num_vehicles: number of vehicles N.
         tick: control period, s.
         num_ticks: period of the loops in ticks.
-        rules: variants of the laws.
+        rules: options in which the control laws of firmwares differ.
         parameters: gains, limits, and parameters of the nominal vehicle.
     """
 

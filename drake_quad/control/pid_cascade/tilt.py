@@ -25,7 +25,7 @@ def tilt_target(
         parameters: parameters of the cascade, with `TiltParameters`.
         memory: state of the loops.
         period: period of the loops, s.
-        rules: variants of the laws.
+        rules: options in which the control laws of firmwares differ.
     """
     command: Any = parameters.command
     sin_yaw, cos_yaw = sin_cos(m.yaw)

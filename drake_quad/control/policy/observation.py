@@ -131,7 +131,7 @@ class ObservableSignal(NamedTuple):
 
 
 OBSERVABLE_SIGNALS = {
-    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z, in any frame (m)"),
+    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z of W, whatever the `frame` (m)"),
     "position_error": ObservableSignal(3, _position_error, "from the vehicle to the reference (m)"),
     "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
     "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference relative to the vehicle (m/s)"),
@@ -142,11 +142,11 @@ OBSERVABLE_SIGNALS = {
         _reference_ahead,
         "from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
     ),
-    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw in W, in any frame (rad)"),
+    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw with respect to W, whatever the `frame` (rad)"),
     "rotation": ObservableSignal(
         9,
         _rotation,
-        "rotation matrix from B to W, row by row; with `heading` and `reference_heading` from B to this frame (1)",
+        "rotation matrix, row by row: from B to W, or to the `frame` if it is `heading` or `reference_heading` (1)",
     ),
     "yaw_error": ObservableSignal(
         2, _yaw_error, "sine and cosine of the yaw of the reference minus the yaw of the vehicle (1)"

@@ -182,9 +182,11 @@ def build_policy_control(
         - action
         - wrench
 
-    With an autopilot on board the output `attitude_target` replaces `wrench`. A commanded acceleration or attitude is
-    also an output. There is an input for each signal of the observation, including `state` if the observation uses the
-    true state, and an input `action` if there is no policy.
+    If an autopilot on board controls the attitude, the output `attitude_target` replaces `wrench`. If the actions are
+    accelerations or attitudes, the commanded acceleration or attitude is also an output.
+
+    There is an input for each signal of the observation, including `state` if the observation uses the true state.
+    Without a policy, there is also an input `action`.
 
     Args:
         observation: an `Observation`.

@@ -40,7 +40,7 @@ class AttitudeControllerSettings(Model):
         return AttitudeParameters(PerAngle(*self.k_p), PerAngle(*self.k_d), *inertia)
 
     def vectoring(self) -> dict[str, Any]:
-        """Return the structure of the `ThrustVectoring` that commands the attitude."""
+        """Return the arguments of the `ThrustVectoring` that commands the attitude of this controller."""
         return {"projects": False}
 
     def without_estimator(self) -> "AttitudeControllerSettings":

@@ -57,5 +57,5 @@ class GeometricAttitude(AttitudeControllerSettings):
         return Recipe(IntegratingAttitudeController, structure, parameters)
 
     def vectoring(self) -> dict[str, Any]:
-        """Return the structure of a `ThrustVectoring` with projection and with this controller's Euler sequence."""
+        """Return the arguments of a `ThrustVectoring` with projection and with this controller's Euler sequence."""
         return {"projects": True, "sequence": self.euler_sequence}

@@ -108,7 +108,7 @@ class CascadeControl(Control):
         return [self.position.kind, *network, *attitude]
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return the fields for thrust vectoring and attitude control."""
+        """Return the fields for thrust vectoring and attitude control, which a control of kind `policy` inherits."""
         return {"thrust_vectoring": self.thrust_vectoring, "attitude": self.attitude}
 
 

@@ -85,7 +85,7 @@ class Axis(Model):
 
     @abstractmethod
     def model(self) -> ContinuousModel:
-        """Return the model of the axis."""
+        """Return the continuous-time model of an axis, for which the gains are computed."""
 
     def loop(self, times: Timing, gravity: float) -> AxisLoop:
         """Design the Kalman filter and the regulator of the axis.
@@ -226,7 +226,7 @@ class LqgControl(Control):
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes to build the controller and for the network, if there is one."""
+        """Return the recipes to build the controller and, if it has one, its network."""
         structure = {
             "signal": setting.autopilot.command,
             "period": setting.frame,

@@ -79,7 +79,7 @@ class FixedCorridor(_Corridor):
         return self
 
     def walls(self) -> constraints.Corridor:
-        """Return walls at fixed positions."""
+        """Return the parameters of walls at fixed positions in W."""
         lower, upper = _per_axis(self.lower, -math.inf), _per_axis(self.upper, math.inf)
         return constraints.Corridor(lower, upper, follows_reference=False, weight=self.weight)
 
@@ -117,7 +117,7 @@ class MpcControl(LqgControl):
         return self
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes to build the regulator, the quadratic programme, and the network if there is one."""
+        """Return the recipes to build the regulator, the quadratic programme and, if there is one, the network."""
         (path, regulator), *others = super().recipes(setting).items()
         return {path: regulator, "programme": self._programme(setting, regulator.parameters), **dict(others)}
 

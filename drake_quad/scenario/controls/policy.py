@@ -22,7 +22,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 @CONTROLS.register
 class PolicyControl(Control):
-    """A trained network that replaces the position controller, the cascade, or the whole control on the ground."""
+    """A trained network that replaces the position controller or, depending on `action`, all control on the ground."""
 
     kind: Literal["policy"]
     policy: TrainedNetwork | None = Field(
@@ -125,7 +125,7 @@ class PolicyControl(Control):
         return self.policy is None
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return all fields of the policy except its network."""
+        """Return all fields except the network, which another control of kind `policy` inherits."""
         return {name: getattr(self, name) for name in ("action", "observation", "thrust_vectoring", "attitude")}
 
 

@@ -60,7 +60,7 @@ class VehicleEffect(Model):
         """Return the largest derivative of the force on the vehicle with respect to its speed, N s/m.
 
         Args:
-            vehicle: vehicle of a `Batch.fleet_scenario`.
+            vehicle: vehicle in `Batch.fleet_scenario`, in which random fields are arrays.
             airspeed: largest airspeed of a hovering vehicle in the mean wind, m/s.
         """
         return 0.0
@@ -79,7 +79,10 @@ EFFECTS = OpenFields(VehicleEffect)
 
 
 class AirLoadEffect(VehicleEffect):
-    """Effect whose force and torque depend on airspeed and rotor speeds. The class `record` computes them by `load`."""
+    """Effect whose force and torque depend on airspeed and rotor speeds.
+
+    The method `load` of the class `record` computes the force and the torque.
+    """
 
     depends_on_wind: ClassVar = True
 

@@ -57,7 +57,7 @@ class PayloadEffect(VehicleEffect):
         )
 
     def in_hover(self) -> VehicleEffect | None:
-        """Return a permanent payload if the vehicle carries it at the start of the flight; None otherwise."""
+        """Return the same payload without pick-up or drop, or None if the vehicle does not carry it at the start."""
         if (self.event == "dropped") == (self.time == 0.0):
             return None
         return self.model_copy(update={"time": 0.0, "event": "picked_up"})

@@ -26,7 +26,7 @@ class TrimForceEffect(AirLoadEffect):
     depends_on_wind: ClassVar = False
 
     def symmetric(self) -> VehicleEffect:
-        """Return the z component of the force, which does not tilt the hovering vehicle."""
+        """Return the force without its components along x and y, which would tilt the hovering vehicle."""
         return self.model_copy(update={"x": 0.0, "y": 0.0})
 
     def max_damping(self, vehicle: Any, airspeed: Row) -> Row:

@@ -12,7 +12,8 @@ from drake_quad.errors import InputError, short_repr, shorten_text
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 
-# The parser of libyaml, which is written in C and 20 times as fast. PyYAML contains it on all common platforms.
+# The parser of libyaml is written in C and 20 times as fast as the Python parser. PyYAML contains it on all common
+# platforms.
 _PARSER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _TAG_PREFIX = "tag:yaml.org,2002:"

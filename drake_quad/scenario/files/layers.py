@@ -101,7 +101,7 @@ def _is_distribution(fields: dict[str, Tree]) -> bool:
 def with_override(base: Tree, override: Tree) -> Tree:
     """Return a scenario with the fields of an override merged into it.
 
-    A layout with distances determines the arm length, so the arm length of the base is removed.
+    A layout with rotor distances determines the arm length, so the arm length of the base is removed.
     """
     fields = dict(base.value)
     for section in ("nominal", "vehicle"):
@@ -197,15 +197,15 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
                 value={**({} if distributions is None else distributions.value), **kept_fields}
             )
     laboratory = kept.get("laboratory")
-    if laboratory is not None and isinstance(laboratory.value, dict) and _is_identified(laboratory):
+    if laboratory is not None and isinstance(laboratory.value, dict) and _has_identified_autopilot(laboratory):
         others = {name: part for name, part in laboratory.value.items() if name != "autopilot"}
         kept["laboratory"] = laboratory._replace(value=others)
         kept.pop("control", None)
     return kept
 
 
-def _is_identified(laboratory: Tree) -> bool:
-    """Return whether the laboratory's autopilot is a response that was identified with one particular vehicle."""
+def _has_identified_autopilot(laboratory: Tree) -> bool:
+    """Return whether the autopilot is modelled by a response that was identified with one particular vehicle."""
     autopilot = laboratory.value.get("autopilot")
     kind = autopilot.value.get("kind") if autopilot is not None and isinstance(autopilot.value, dict) else None
     model = None if kind is None else AUTOPILOTS.get(kind.value)

@@ -70,7 +70,8 @@ class Library:
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        # Results of parsing are cached if the limit is the default, so a smaller limit is applied only if necessary.
+        # `parse_document` caches its results for the default limit. Only a document that exceeds the remaining limit is
+        # parsed again, with this limit, to raise the error.
         document = parse_document(text, source, with_line_numbers=with_line_numbers)
         if document.nodes > self._nodes:
             document = parse_document(text, source, with_line_numbers=with_line_numbers, max_nodes=self._nodes)

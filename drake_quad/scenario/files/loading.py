@@ -25,9 +25,9 @@ from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, join_path, split_path
 from drake_quad.scenario.unions import alternatives
 
-# Tags for the alternatives of a quantity, which pydantic adds to the paths of its errors.
+# Tags that pydantic adds to the paths of its errors for the alternatives of a quantity.
 _TAGS = ("number", *DISTRIBUTIONS)
-# Default kinds of mappings without `kind`, which pydantic also adds to the paths of its errors.
+# Kinds of mappings without the field `kind`. Pydantic adds these kinds to the paths of its errors as well.
 _DEFAULT_KINDS = (CONTROLS.default_kind, ATTITUDE_CONTROLLERS.default_kind)
 # Largest number of characters that a message shows of an override or a path. The longest path has seventy characters.
 _MAX_PATH_CHARACTERS = 80

@@ -31,13 +31,13 @@ _ERRORS_BY_SUFFIX = {
     ".3ds": _CONVERSION_MESSAGE.format("3DS mesh"),
     **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "is a CAD model and cannot be read: export it as .obj or .stl"),
 }
-# Error messages by the first bytes of a file, in lower case.
+# Error message for each beginning of a file. The beginning is compared in lower case.
 _ERRORS_BY_FIRST_BYTES = {
     b"gltf": _ERRORS_BY_SUFFIX[".gltf"],
     b"ply\n": _ERRORS_BY_SUFFIX[".ply"],
     b"ply\r\n": _ERRORS_BY_SUFFIX[".ply"],
 }
-# Error messages by the root element of an XML file, in lower case.
+# Error message for each root element of an XML file. The element is compared in lower case.
 _ERRORS_BY_XML_ELEMENT = {
     b"<robot": _ERRORS_BY_SUFFIX[".urdf"],
     b"<sdf": _ERRORS_BY_SUFFIX[".sdf"],

@@ -35,7 +35,7 @@ _ACTION_NAMES = ("action", "actions")
 _STANDARD_DOMAINS = ("", "ai.onnx")
 # Relative rounding error of a constant in single precision.
 _CONSTANT_TOLERANCE = 1e-6
-# Relative rounding error of a product of several constants in single precision.
+# Relative tolerance for the formula of a gate: the rounding error of a product of several single-precision constants.
 _GATE_TOLERANCE = 1e-5
 # Largest depth of the arithmetic expression that forms a gate.
 _MAX_GATE_DEPTH = 10
@@ -117,11 +117,13 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
     layers, remark = Layers(), ""
     graph = _Graph(model, output)
     if output is None and len(graph.outputs) > 1:
-        names = (
-            f"has the outputs {join_names(graph.outputs)}, of which {shorten_text(graph.action)} is used as the action"
-        )
         remark = f" (output {shorten_text(graph.action)}; FILE.onnx:NAME selects another)"
-        warnings.warn(f"{file}: {names}; {file}:NAME selects another", InputWarning, stacklevel=2)
+        warnings.warn(
+            f"{file}: has the outputs {join_names(graph.outputs)}, of which {shorten_text(graph.action)} is used as the"
+            f" action; {file}:NAME selects another",
+            InputWarning,
+            stacklevel=2,
+        )
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _NEUTRAL_NODES for each in chain[k + 1 :]))
     return layers.network(), remark
@@ -221,7 +223,7 @@ class _Graph:
                 raise UnreadableError(f"has an output that does not depend on its input {last}")
             attributes = {each.name: self._onnx.helper.get_attribute_value(each) for each in node.attribute}
             variable = [k for k, each in enumerate(node.input) if each and each not in self._constants]
-            gated = self._gated(node) if node.op_type == "Mul" and len(variable) == 2 else None
+            gated = self._gated_activation(node) if node.op_type == "Mul" and len(variable) == 2 else None
             if gated is not None:
                 gate_nodes, name = gated
                 nodes += gate_nodes[::-1]
@@ -238,14 +240,14 @@ class _Graph:
             name = node.input[variable[0]]
         return nodes[::-1]
 
-    def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
-        """Return nodes that are equivalent to the product of a value and its gate, and the name of their input.
+    def _gated_activation(self, node: Any) -> tuple[list[_Node], str] | None:
+        """Return nodes that replace a gated activation, and the name of their input; None for any other product.
 
-        Exporters write SiLU and GELU as such a product for opsets that have no node for them. With u = s z, the product
-        k z (offset + F(slope (u + cube u³))) is (1 + offset) k / s times the activation of u. F is the function of the
-        gate, and `_GATED_ACTIVATIONS` contains the three numbers of the activation. The product and the argument of F
-        are compared with these formulas at a few points, so the order of arithmetic with constants does not matter. The
-        result is None for any other product.
+        Exporters write SiLU and GELU as the product of a value and a gate for opsets that have no node for them. F is
+        the function in the gate, such as tanh. The numbers `slope`, `cube` and `offset` of each activation are in
+        `_GATED_ACTIVATIONS`. If u = s z, the product k z (offset + F(slope (u + cube u³))) is (1 + offset) k / s times
+        the activation of u. The product and the argument of F are compared with these formulas at a few points, so the
+        order of arithmetic with constants does not matter.
         """
         names = [node.output[0]]
         for name in names:

@@ -45,7 +45,7 @@ class _Values:
         self._mark, self._library = mark, library
 
     def tree(self, value: Any, path: str, level: int) -> Tree:
-        """Return the tree of a value.
+        """Convert a value to a `Tree`, and count it towards the size limits of the scenario.
 
         Args:
             value: value of a field.
@@ -101,7 +101,7 @@ class _Values:
 def _union(one: Tree, other: Tree) -> Tree:
     """Merge two parts of one mapping; the second part takes precedence.
 
-    Unlike `merge`, this function does not replace a mapping of another kind, since both parts belong to one override.
+    Unlike `merge`, this function also merges two mappings with different `kind`, since both belong to one override.
     """
     if not (isinstance(one.value, dict) and isinstance(other.value, dict)):
         return other

@@ -19,6 +19,7 @@ from drake_quad.scenario.paths import is_item, join_path
 RELATIVE = "relative"
 # Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
 _BASE_VALUE_KEY = "value beneath"
+# Key of the value for which a relative distribution is given, as in `{relative: {to: 0.68, normal: {...}}}`.
 _REFERENCE_KEY = "to"
 # Fields whose values are already relative to the vehicle. Their distributions are not scaled.
 _FRACTION_FIELDS = ("thrust_factor_error", "battery_sag")
@@ -60,9 +61,9 @@ def with_base_values(base: Tree, distributions: Tree) -> Tree:
 
 
 def relative_part(tree: Tree) -> Tree | None:
-    """Return the relative distributions in a tree, without the values to which they apply, or None if there are none.
+    """Return the relative distributions in a tree, without the values that they vary, or None if there are none.
 
-    If the items of a list have distributions, the result is a mapping from item index to distribution.
+    A list becomes a mapping from the index of each item with a relative distribution to this distribution.
     """
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
@@ -113,13 +114,13 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
 
     Args:
         tree: value of the field.
-        reference: default value of the field (a number, a model, a tuple or None), to which a distribution applies if
-            no layer gives a value.
+        reference: default value of the field (a number, a model, a tuple or None). It is used if no layer gives a value
+            that a distribution can vary.
         path: path of the field in the scenario.
-        dropped: mapping to which dropped distributions are added, by path.
+        dropped: mapping to which this function adds the relative distributions that have no value to vary, by path.
 
     Returns:
-        The field; None if it contains only dropped distributions.
+        The field without these distributions; None if nothing else remains.
     """
     if is_relative(tree):
         base = tree.value.get(_BASE_VALUE_KEY)
@@ -154,7 +155,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
 
 
 def refuse_dropped(distribution: Tree, path: str) -> None:
-    """Raise InputError for a dropped relative distribution in a field that the vehicle requires."""
+    """Raise InputError for a required field whose relative distribution has no value to vary."""
     raise InputError(
         f"{distribution.mark}: {join_path(*path.split('.'))} is relative, but the vehicle has no value to which the"
         " distribution could apply; make the distribution absolute"

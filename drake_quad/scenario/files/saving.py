@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import mappings_in
 
-# First line of a saved scenario with kinds that the user's Python files register.
+# First line of a saved scenario that uses kinds from the user's Python files.
 _HEADER = "# This scenario needs the command-line options {}\n"
 _MAX_HEADER_LENGTH = 1000  # characters
 
@@ -18,8 +18,8 @@ _MAX_HEADER_LENGTH = 1000  # characters
 def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
     """Write a scenario with the values of all its fields as YAML to a path or a stream.
 
-    If the user's Python files register some kinds of the scenario, a comment in the first line lists the command-line
-    options that are needed to read it again.
+    If the scenario uses kinds from the user's Python files, a comment in the first line lists the command-line options
+    that are needed to read it again.
     """
     text = io.StringIO()
     if options := registration_options(scenario):
@@ -32,7 +32,7 @@ def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
 
 
 def registration_options(scenario: Scenario) -> str:
-    """Return the command-line options that register the user's kinds in a scenario; empty if there are none."""
+    """Return the command-line options that import the user's files which a scenario needs; empty for built-in kinds."""
     options = (type(mapping).registration_option() for _, mapping in mappings_in(scenario))
     return " ".join(dict.fromkeys(filter(None, options)))
 

@@ -65,7 +65,7 @@ AnyMetric = Annotated[MetricSettings, METRICS]
 
 
 class ValueSums(NamedTuple):
-    """Intermediate result of a rule that combines the values at the ticks."""
+    """Intermediate result of a `Reduction`, such as the sum of the values up to a tick."""
 
     value: Row
 
@@ -302,7 +302,7 @@ def flight_metric(
 def _checked_appearance(
     unit: str, label: str, display: Display | None, larger_is_better: bool, value_range: ValueRange
 ) -> Appearance:
-    """Return the properties of a metric.
+    """Return the appearance of a metric, such as its unit and its label.
 
     Raises:
         TypeError: if the range is unknown.

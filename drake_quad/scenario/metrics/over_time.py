@@ -1,4 +1,4 @@
-"""Metrics that combine the values of a scalar signal over time. Each rule has its own kind."""
+"""Metrics that combine the values of a scalar signal over time: mean, RMS, largest, smallest, last value, integral."""
 
 from typing import Any, Literal
 

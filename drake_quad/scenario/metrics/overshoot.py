@@ -26,7 +26,7 @@ class OvershootSums(NamedTuple):
 
 
 def _opposite(sums: OvershootSums, ticks: Any, _: float) -> Any:
-    """Return the largest opposite component, or NaN if there are no ticks."""
+    """Return the largest error in the direction opposite to the initial error, or NaN if there are no ticks."""
     return np.where(ticks > 0.0, sums.opposite, np.nan)
 
 

@@ -33,7 +33,7 @@ class InputSets(Model):
         if len(self.widths) != len(self.centres):
             raise self.field_error(f"must have {len(self.centres)} numbers, one for each centre", "widths")
         ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
-        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._closed(ends))):
+        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._neighbours(ends))):
             if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
                 demand = f"must be larger, so that the sets at {left} and {right} overlap and a rule fires in between"
                 raise self.field_error(demand, "widths", i)
@@ -43,8 +43,8 @@ class InputSets(Model):
         """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
-    def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        """Return the centre and the smallest width of all sets, in an order in which each set must overlap the next."""
+    def _neighbours(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
+        """Return the sets in an order in which each must overlap the next. A set is its centre and smallest width."""
         return ends
 
 
@@ -63,11 +63,11 @@ class CircularInputSets(InputSets):
         """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.CircularSets(self.scale, tuple(self.centres), tuple(self.widths))
 
-    def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
+    def _neighbours(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
         (first, width), *_ = ends
         (shortest, longest), last = extremes(self.scale), self.centres[-1]
         if shortest is None or longest is None or not last - first < shortest:
-            raise self.field_error("must lie within one period, which is the scale", "centres")
+            raise self.field_error("must span less than one period, which is the value of scale", "centres")
         return [*ends, (first + longest, width)]
 
 

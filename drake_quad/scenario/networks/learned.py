@@ -35,7 +35,7 @@ class LearnedNetwork(Model):
 
     @property
     def axes(self) -> dict[Axis, LearnedAxis]:
-        """Learned parameters, by axis."""
+        """Learned parameters of each axis that has a network."""
         return {axis: learned for axis in AXES if (learned := getattr(self, axis)) is not None}
 
     @model_validator(mode="after")

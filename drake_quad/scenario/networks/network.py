@@ -49,7 +49,7 @@ class _Network(Model):
     )
 
     @model_validator(mode="after")
-    def _fits(self) -> "_Network":
+    def _learned_parameters_fit(self) -> "_Network":
         """Raise an error if the learned parameters come from a network with a different structure."""
         if self.learned is None:
             return self
@@ -153,7 +153,7 @@ class AdaptiveTriangles(Model):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Parts of the membership functions that learn."""
+        """Parts of the membership functions for which a learning rate is given."""
         return tuple([part for part in get_args(Part) if getattr(self, part, None) is not None])
 
     @model_validator(mode="after")

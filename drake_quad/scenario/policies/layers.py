@@ -159,5 +159,5 @@ class Layers:
             return np.broadcast_to(numbers, (count,))
         except ValueError:
             raise UnreadableError(
-                f"has arithmetic with {numbers.size} numbers after {count} neurons; there must be one number per neuron"
+                f"has arithmetic of {count} neurons with {numbers.size} numbers; there must be one number per neuron"
             ) from None

@@ -53,7 +53,7 @@ class ObservationSettings(Model):
         if ("reference_ahead" in self.signals) != bool(self.ahead):
             raise self.field_error("must be given if signals has reference_ahead, and left out otherwise", "ahead")
         if self.turn and "attitude" in self.signals:
-            raise self.field_error("must be 0 with the signal attitude; use the signal rotation instead", "turn")
+            raise self.field_error("must be 0 if signals has attitude; use rotation instead of attitude", "turn")
         return self
 
     def spec(self) -> ObservationSpec:

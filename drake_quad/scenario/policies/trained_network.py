@@ -122,7 +122,7 @@ class TrainedNetwork(Model):
         return cls(layers=layers, precision=precision, numbers=pieces, **preprocessing)
 
     @model_validator(mode="after")
-    def _fits(self) -> "TrainedNetwork":
+    def _is_consistent(self) -> "TrainedNetwork":
         """Raise an error if successive layers do not match, or the number of weights and biases is wrong."""
         for index, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
             if after.inputs != before.outputs:

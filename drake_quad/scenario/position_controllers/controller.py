@@ -22,7 +22,7 @@ class PositionController(Model):
 
     Attributes:
         feed_forward: highest derivative of the reference that is fed forward.
-        takes_correction: True if the controller can have a fuzzy network around it, which needs the port `correction`.
+        takes_correction: True if a fuzzy network can correct the controller, which needs the port `correction`.
         estimates_disturbance: True if the controller has the port `disturbance`, which can be an input of a network.
         has_integral: True if the controller has integral gains `k_i`.
         is_user_system: True if the controller is a user's Python system.
@@ -48,7 +48,7 @@ class PositionController(Model):
 
         Args:
             systems: systems built from the recipes, by their paths.
-            takes_correction: True if the controller has a network around it.
+            takes_correction: True if a network corrects the output of the controller through the port `correction`.
         """
         return systems["position"]
 

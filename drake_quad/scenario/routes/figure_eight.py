@@ -50,7 +50,10 @@ class FigureEightRoute(MovingRoute):
         )
 
     def _in_laps(self, geometry: Route) -> Plan:
-        """Return a plan with a climb and several laps. A speed profile over three laps determines the durations."""
+        """Return a plan with a climb and several laps.
+
+        The durations of the first, the middle and the last laps are those of a speed profile over three laps.
+        """
         lap = geometry.waypoints[1:]
         ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
         times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)

@@ -95,7 +95,7 @@ class MovingRoute(MissionRoute):
 
     def limits(self) -> PathLimits:
         """Return the limits of the path."""
-        # Some routes allow null for no limit, which is omitted here.
+        # In some routes, a limit can be None, which means no limit. Such a limit is left out.
         specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})
 

@@ -242,9 +242,9 @@ class WaypointRoute(MovingRoute):
         return passing_times(self.problem(self.laps), flown_path)
 
     def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "CollisionFreeRoute | None"]:
-        """Return the path, the start and end times of its laps (s), and its route around obstacles.
+        """Return the path, the start and end times of its laps (s), and the collision-free route that the path follows.
 
-        The times are empty for a single lap. The route around obstacles is None if there are none. If the method
+        The times are empty for a single lap. The collision-free route is None if there are no obstacles. If the method
         chooses the times of several laps, it plans three laps, and the middle one is repeated.
 
         Raises:

@@ -16,7 +16,7 @@ from drake_quad.scenario.quantities import Misalignment, NonNegative, Positive, 
 from drake_quad.scenario.sensors.sensor import SensorSettings
 from drake_quad.scenario.sensors.vibration import VibrationSettings
 
-# Boards are mounted to within a few degrees.
+# Circuit boards are misaligned by at most a few degrees. The limit of 0.35 rad is 20°.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 NO_ERROR = (0.0, 0.0, 0.0)
 
@@ -80,7 +80,7 @@ class InertialSettings(SensorSettings):
 
 
 def density_field(unit: str) -> Any:
-    """Return the field for a noise density, given the unit of readings."""
+    """Return the field `noise_density` of a sensor, given the unit of its readings."""
     return Field(
         default=0.0,
         description=f"noise density on each axis ({unit}/√Hz); the standard deviation of a reading is this number over"
@@ -89,7 +89,7 @@ def density_field(unit: str) -> Any:
 
 
 def instability_field(unit: str) -> Any:
-    """Return the field for the bias instability, given the unit of readings."""
+    """Return the field `bias_instability` of a sensor, given the unit of its readings."""
     return Field(
         default=0.0,
         description=f"standard deviation of a slowly varying bias on each axis, a Gauss-Markov process ({unit})",
@@ -97,7 +97,7 @@ def instability_field(unit: str) -> Any:
 
 
 def walk_field(unit: str) -> Any:
-    """Return the field for the random walk of the bias, given the unit of readings."""
+    """Return the field `bias_random_walk` of a sensor, given the unit of its readings."""
     return Field(
         default=0.0,
         description=f"random walk of the bias on each axis ({unit}/√s); its standard deviation after a time t is this"
@@ -106,17 +106,17 @@ def walk_field(unit: str) -> Any:
 
 
 def temperature_field(unit: str) -> Any:
-    """Return the field for the temperature coefficient of the bias, given the unit of readings."""
+    """Return the field `temperature_coefficient` of a sensor, given the unit of its readings."""
     return Field(default=NO_ERROR, description=f"change of the bias along x, y and z with the temperature ({unit}/K)")
 
 
 def full_scale_field(unit: str) -> Any:
-    """Return the field for the full scale, given the unit of readings."""
+    """Return the field `full_scale` of a sensor, given the unit of its readings."""
     return Field(
         default=None, description=f"largest magnitude of a reading on each axis ({unit}); no limit if not given"
     )
 
 
 def resolution_field(unit: str) -> Any:
-    """Return the field for the resolution, given the unit of readings."""
+    """Return the field `resolution` of a sensor, given the unit of its readings."""
     return Field(default=0.0, description=f"step between neighbouring readings ({unit}); 0 for exact readings")

@@ -10,7 +10,7 @@ def relative_to_centre(position: Any, vehicle: Any) -> SensorPosition:
 
     Args:
         position: x, y and z in B relative to the origin of the layout, m.
-        vehicle: vehicle of a `Batch.fleet_scenario`.
+        vehicle: vehicle in `Batch.fleet_scenario`, in which random fields are arrays.
     """
     (x, y, z), (centre_x, centre_y) = position, vehicle.centre_of_mass
     return SensorPosition(x - centre_x, y - centre_y, z)

@@ -63,14 +63,14 @@ class SensorSettings(AidingSensor, Model):
 
     @abstractmethod
     def parameters(self, vehicle: Any) -> Any:
-        """Return the parameters of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
+        """Return the parameters of the measurement law, given the vehicle in `Batch.fleet_scenario`."""
 
     def recipe(self, fleet: Any, vehicle: Any) -> Recipe:
         """Return the recipe to build the sensors of a fleet.
 
         Args:
-            fleet: sensor of a `Batch.fleet_scenario`.
-            vehicle: vehicle of a `Batch.fleet_scenario`.
+            fleet: sensor in `Batch.fleet_scenario`, in which random fields are arrays.
+            vehicle: vehicle in the same scenario.
         """
 
         def is_on(name: str) -> bool:

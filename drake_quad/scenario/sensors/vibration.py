@@ -39,7 +39,7 @@ class VibrationSettings(Model):
         """Return the vibration of an accelerometer.
 
         Args:
-            vehicle: vehicle of a `Batch.fleet_scenario`.
+            vehicle: vehicle in `Batch.fleet_scenario`, in which random fields are arrays.
             position: position of the sensor relative to the centre of mass, m.
             period: time between readings, s.
         """

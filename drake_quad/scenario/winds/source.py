@@ -54,7 +54,7 @@ class WindSource(Model):
 
     @abstractmethod
     def max_speed(self) -> VelocityW:
-        """Return the largest speed of the mean wind, excluding its steady part, m/s."""
+        """Return the largest speed of the part of the mean wind that varies with time or position, m/s."""
 
     @abstractmethod
     def without_turbulence(self) -> "WindSource | None":

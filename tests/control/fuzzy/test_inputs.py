@@ -21,7 +21,7 @@ SIGNALS = {
 }
 
 
-def test_inputs_of_rules_are_signals_on_the_network_axis_or_coordinates_or_the_phase():
+def test_an_input_of_a_rule_is_a_signal_on_the_axis_a_coordinate_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert input_signals(inputs) == ("error", "error_rate", "measurement", "disturbance")
     for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
@@ -51,10 +51,10 @@ def test_the_phase_restarts_with_each_lap():
     assert route_phase(0.3, laps) == 0.0
 
 
-def test_firing_strengths_of_four_inputs_are_products_of_memberships():
-    """The firing strengths for four inputs are products of those for two pairs of inputs.
+def test_type_1_firing_strengths_of_four_inputs_are_products_of_those_of_two_pairs():
+    """The firing strengths for four inputs are the products of those for the first two and those for the last two.
 
-    This holds for type 1, where the pairs may be normalised separately or together.
+    This does not hold for type 2, whose firing strengths are sums of two such products.
     """
     rng = np.random.default_rng(4)
     sets = [FuzzySets(1.0 + 0.1 * n, tuple(np.linspace(-1.0, 1.0, n)), (1.3,) * n) for n in (2, 3, 4, 2)]

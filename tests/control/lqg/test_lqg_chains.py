@@ -1,4 +1,4 @@
-"""Tests that the models of linear-quadratic-Gaussian control match the equations on their page."""
+"""Tests that the models of linear-quadratic-Gaussian control match the equations in `controllers_lqg.md`."""
 
 import re
 from pathlib import Path

@@ -55,7 +55,7 @@ def test_discrete_noise_covariance_is_the_integral_of_propagated_white_noise(mod
     np.testing.assert_allclose(discretise_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_noise_of_fast_decaying_modes_is_stationary():
+def test_discretised_noise_of_a_fast_mode_agrees_with_the_stationary_covariance():
     """The time constant of the fast mode is a thousandth of the period."""
     A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
     P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
@@ -125,8 +125,8 @@ def test_commands_in_transit_act_after_the_delay(delay):
         np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
 
 
-def test_the_outer_gain_divides_the_position_gain_in_equilibrium():
-    """A position deviation p under constant commands causes the specific thrust -K_p p / k, with the outer gain k."""
+def test_the_equilibrium_thrust_is_the_position_gain_divided_by_the_outer_gain():
+    """A position deviation p under constant commands leads to the specific thrust -K_p p / k, with the outer gain k."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]

@@ -80,7 +80,8 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
-        # The specific thrust f̄ keeps the height. Additional thrust acts along the measured attitude.
+        # The chain contains the horizontal part of a thrust whose vertical part is f̄. The actual vertical part differs
+        # from f̄, and the horizontal part differs in proportion.
         offset = (
             0.0
             if s is None
@@ -124,7 +125,7 @@ def test_a_known_acceleration_changes_the_estimated_motion_but_not_the_estimated
 
 
 def expected_deviation(chain_now, axis, subtracted=0.0):
-    """Return the deviation of a chain from the motion of the reference, with a subtracted acceleration."""
+    """Return the deviation of a chain from the reference, whose acceleration is reduced by `subtracted` (m/s²)."""
     r = REFERENCE
     motion = {
         "x": [r.x, r.v_x, r.a_x - subtracted, JERK.x, SNAP.x],
@@ -294,7 +295,7 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     commanded = target_from_acceleration(usual, estimate, measured, REFERENCE, free)
     changed_target = target_from_acceleration(other, changed_estimate, measured, REFERENCE, free)
     assert changed_target[1:] == commanded[1:]
-    # The thrust points along the attitude, and its vertical component is the commanded one.
+    # The thrust acts along the measured z axis of the body. Its vertical component changes as commanded.
     up = rotation(measured)[2, 2]
     assert changed_target.thrust - commanded.thrust == pytest.approx(0.68 * change / up)
     _, torque_measurement, torque_estimate = vehicle_on_path(TorqueChain)
@@ -308,7 +309,7 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     )
     assert changed_wrench[1:] == wrench[1:]
     assert changed_wrench.thrust - wrench.thrust == pytest.approx(0.68 * change / up)
-    # The measured attitude causes no innovation, but the velocity follows the thrust.
+    # The thrust changes only the horizontal velocity. It does not change the innovation from the measured attitude.
     sent = sent_commands(1, None)._replace(upward=9.81 + REFERENCE.a_z)
     before = KalmanState(estimate, 1.0, 0.0), KalmanState(changed_estimate, 1.0, 0.0)
     plain, changed = (estimator_step(measured, each, sent, None, free, H, True) for each in before)

@@ -46,7 +46,7 @@ def observed_signal(name, frame="world", turn=0.0):
 
 
 def axes_of(frame, turn=0.0):
-    """Return the rotation from the frame to W."""
+    """Return the rotation to W from the frame of an observation, whose axes are rotated by `turn` (rad)."""
     return {
         "world": RotationMatrix(),
         "heading": RotationMatrix.MakeZRotation(STATE.yaw + turn),
