@@ -91,12 +91,8 @@ class MotionCaptureSettings(AidingSensor, Model):
         """Return the recipe to build the cameras of a fleet.
 
         Args:
-<<<<<<< HEAD
-            fleet: cameras of a `Batch.fleet_scenario`.
-            reports_losses: True for an output port with the validity of the frames.
-=======
             fleet: cameras in `Batch.fleet_scenario`, in which random fields are arrays.
->>>>>>> f2
+            reports_losses: True for an output port with the validity of the frames.
         """
 
         def any_of(*names: str) -> bool:
