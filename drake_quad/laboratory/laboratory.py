@@ -97,6 +97,7 @@ def build_laboratory(
     builder.AddNamedSystem("command_link", command_link)
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
+    cameras = [] if motion_capture is None else [builder.AddNamedSystem("motion_capture", motion_capture)]
     wind_streams = random_streams(wind, StreamKind.WIND)
     air = builder.AddNamedSystem("wind", build_wind(wind, streams=wind_streams, num_vehicles=vehicle.num_vehicles))
 
@@ -105,9 +106,8 @@ def build_laboratory(
     state, wind_port = vehicle.GetOutputPort("state"), air.GetOutputPort("wind")
     sources = {port.get_name(): port for port in map(vehicle.get_output_port, range(vehicle.num_output_ports()))}
     sources |= {"wind": wind_port, command_name: allocated[command_name], carried: command_link.GetOutputPort(carried)}
-    systems = [allocation, vehicle, air]
+    systems = [allocation, vehicle, *cameras, air]
     if motion_capture is not None:
-        systems.append(builder.AddNamedSystem("motion_capture", motion_capture))
         sources["motion_capture"] = motion_capture.GetOutputPort("measurement")
         if motion_capture.HasOutputPort("measurement_valid"):
             sources[valid_signal("motion_capture")] = motion_capture.GetOutputPort("measurement_valid")

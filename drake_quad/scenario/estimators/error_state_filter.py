@@ -21,7 +21,13 @@ from drake_quad.scenario.estimators.inertial import (
     path_of,
     unless_zero,
 )
-from drake_quad.scenario.quantities import FixedNonNegative, FixedPositive, FixedSpan, can_differ_from_zero
+from drake_quad.scenario.quantities import (
+    FixedAngleNoise,
+    FixedNonNegative,
+    FixedPositive,
+    FixedSpan,
+    can_differ_from_zero,
+)
 from drake_quad.signals import EstimateDeviation, State
 
 # Longest time between two propagations of the covariance, s. The increments of the Jacobians over this time are small
@@ -56,7 +62,7 @@ class InitialDeviation(Model):
 
     position: FixedPositive = Field(default=0.1, description="position (m)")
     velocity: FixedPositive = Field(default=0.1, description="velocity (m/s)")
-    attitude: FixedPositive = Field(default=0.02, description="rotation about each axis (rad)")
+    attitude: FixedAngleNoise = Field(default=0.02, description="rotation about each axis (rad)")
     gyroscope_bias: FixedPositive = Field(default=0.01, description="bias of the gyroscope (rad/s)")
     accelerometer_bias: FixedPositive = Field(default=0.1, description="bias of the accelerometer (m/s²)")
 
