@@ -480,7 +480,8 @@ class ErrorStateKalmanFilter(FleetSystem):
     At every multiple of the period h, except for time zero, the filter reads its input ports, whose values were sampled
     one period before. It corrects the estimate by the readings of the aiding sensors, and predicts it over one period.
     An aiding sensor with a period of several samples has new readings at multiples of its period, and a reading arrives
-    after its latency. The output `measurement` has no delay, whatever the latencies are.
+    after its latency. Just after an update, the output `measurement` has no delay, whatever the latencies are. Discrete
+    updates of other systems at the same instant use the previous output, as with motion capture.
 
     A block has `block_samples` samples. Corrections and propagations of the covariance take place at the beginnings of
     blocks, and readings are taken there. `estimate_deviation` is the standard deviation at the horizon, after the last

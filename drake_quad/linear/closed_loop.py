@@ -177,8 +177,14 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
             that couple its axes: differences between rotors, an offset centre of mass, and misaligned markers.
 
     Raises:
-        InputError: if hover is not an equilibrium, or a period is longer than the control period.
+        InputError: if the scenario has a state estimator, hover is not an equilibrium, or a period is longer than the
+            control period.
     """
+    if scenario.laboratory.estimator.names_of_sensors(scenario.laboratory):
+        raise InputError(
+            f"{scenario.name} has a state estimator, without which gains are designed; set laboratory.estimator to"
+            " {kind: motion_capture} for the design, and check the margins of the result with the estimator"
+        )
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
     for name, other in loop_periods(resting).items():

@@ -88,12 +88,17 @@ class InertialEstimator(Estimator):
             if name != MOTION_CAPTURE and (name not in sensors or not sensors[name].aids):
                 able = [each for each, sensor in sensors.items() if sensor.aids]
                 yield (
-                    f"is not a sensor that corrects an estimate; those are {', '.join([MOTION_CAPTURE, *able])}",
-                    *("estimator", "aiding", name),
+                    f"must not contain {name}, which is not a sensor that corrects an estimate; those are"
+                    f" {', '.join([MOTION_CAPTURE, *able])}",
+                    *("estimator", "aiding"),
                 )
         sources = self.sources(laboratory, laboratory)
         if not sources:
-            yield "must contain a sensor that corrects the estimate, such as gnss", "sensors"
+            yield (
+                "must contain a sensor that corrects the estimate, such as gnss, or laboratory.estimator.aiding must"
+                " contain motion_capture",
+                "sensors",
+            )
         for name, source in sources.items():
             ratio = source.settings.period / gyroscope.period
             if abs(ratio - round(ratio)) > 1e-6 or ratio < 0.5:
