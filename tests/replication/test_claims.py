@@ -542,7 +542,7 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
 def test_the_claim_that_any_stabilising_gains_suffice_requires_more_than_half_of_the_gains(pd, network, verdict):
-    """Of four gains, `pd` and `network` are nearly as good as the best, for the PD alone and for PD+T2FNN."""
+    """Two of the four gains are nearly as good as the best: `pd` for the PD alone, and `network` for PD+T2FNN."""
     experiment = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}

@@ -1,5 +1,7 @@
 """Tests of state estimators in scenarios: consistent estimates, refused settings, and exact linear models."""
 
+from typing import ClassVar, Literal
+
 import numpy as np
 import pytest
 from compiled_comparison import assert_flown_alike
@@ -15,6 +17,8 @@ from drake_quad import (
 from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # Components of the measurement, which contain body rates and angles in addition to those of the estimate.
 POSITION_AND_VELOCITY = [0, 1, 2, 6, 7, 8]
@@ -97,6 +101,15 @@ def test_a_state_that_the_estimator_cannot_observe_has_no_stationary_error():
 def test_gains_are_not_designed_with_an_estimator_in_the_loop():
     with pytest.raises(InputError, match="has a state estimator, without which gains are designed"):
         laboratory_plant(with_filter())
+
+
+def test_a_sensor_that_corrects_estimates_needs_a_measurement_equation():
+    class Altimeter(SensorSettings):
+        kind: Literal["altimeter"]
+        aids: ClassVar = AidingUse("height", (("period",),))
+
+    with pytest.raises(TypeError, match="Altimeter must define aiding_parameters"):
+        SENSORS.register(Altimeter)
 
 
 def test_an_autopilot_on_board_reads_the_estimate():

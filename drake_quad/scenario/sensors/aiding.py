@@ -23,6 +23,9 @@ class AidingUse(NamedTuple):
 class AidingSensor:
     """Sensor whose readings can correct an estimate.
 
+    A class with a value of `aids` defines the method `aiding_parameters`. It returns the parameters of the measurement
+    equation, given a tuple with the standard deviation of each component of a reading.
+
     Attributes:
         aids: way in which the readings correct an estimate; None if they cannot.
     """
@@ -55,7 +58,3 @@ class AidingSensor:
             values = [getattr(self, name) for name in names]
             components += zip(*values, strict=True) if isinstance(values[0], tuple) else [tuple(values)]
         return components
-
-    def aiding_parameters(self, deviations: tuple[Any, ...]) -> Any:
-        """Return the parameters of the measurement equation, given the standard deviation of each component."""
-        raise NotImplementedError

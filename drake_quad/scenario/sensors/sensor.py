@@ -96,6 +96,8 @@ class _SensorUnion(OpenUnion):
 
     def register(self, model: _Member) -> _Member:
         """Register a sensor and its signal, as a decorator of the sensor class."""
+        if getattr(model, "aids", None) is not None and not hasattr(model, "aiding_parameters"):
+            raise TypeError(f"{model.__name__} must define aiding_parameters, since its readings correct estimates")
         super().register(model)
         name = self._name_of(model)
         SIGNALS[name] = self.members[name].law.reading
