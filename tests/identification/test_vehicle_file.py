@@ -194,7 +194,7 @@ def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
 
 
 def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
-    """The motors of the base vehicle take rotor speeds, so their largest thrust is taken for the thrust at full throttle."""
+    """Otherwise, the nominal curve has the largest thrust of the base vehicle's motors, which take rotor speeds."""
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
     )

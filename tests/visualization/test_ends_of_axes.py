@@ -139,8 +139,8 @@ def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
     dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
-    # Three curves lie at height 0; the second and the third of them are dashed. Two curves lie at height 1; the second of
-    # them is dashed.
+    # Three curves lie at height 0, and the second and third of them are dashed. Two curves lie at height 1, and the
+    # second of them is dashed.
     assert calls == [(1, 3), (2, 3), (1, 2)]
 
 
