@@ -45,8 +45,8 @@ def sqrt(x: Row) -> Row:
         return math.sqrt(x) if x >= 0.0 else math.nan
     if x.__class__ is Symbol:
         return untyped(approximations.sqrt(x))
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(x)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return _without_nan_derivatives(np.sqrt(x), x)
 
 
 def arctan(x: Row, *, small: bool = False) -> Row:
@@ -288,6 +288,18 @@ def _is_symbolic(x: Any) -> bool:
     if isinstance(x, np.ndarray):
         return x.dtype == object and x.size > 0 and isinstance(x.flat[0], symbolic.Expression)
     return isinstance(x, symbolic.Expression)
+
+
+def _without_nan_derivatives(root: Any, x: Any) -> Any:
+    """Replace NaN derivatives of a root at 0 by 0, as for the length of a vector that remains zero.
+
+    They occur where the derivative of `x` is also 0; some versions of Drake return 0 there, and others return ∞ * 0.
+    """
+    if isinstance(root, np.ndarray) and root.dtype == object:
+        return np.array([_without_nan_derivatives(each, of) for each, of in zip(root, x, strict=True)])
+    if isinstance(root, AutoDiffXd) and x.value() == 0.0:
+        return AutoDiffXd(0.0, np.where(x.derivatives() == 0.0, 0.0, root.derivatives()))
+    return root
 
 
 def _erf_of_object(x: Any) -> Any:

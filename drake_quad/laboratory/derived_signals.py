@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar, cast
 
 from drake_quad.errors import InputError, join_names, short_repr
-from drake_quad.framework.elementary import arctan2, cos, maximum, sqrt, wrap_angle
+from drake_quad.framework.elementary import arctan2, sin_cos, sqrt, wrap_angle
 from drake_quad.laboratory.metrics import ValueRange, argument_names
 from drake_quad.signals import SIGNALS, Reference, Row, State, Wind, field_quantities
 
@@ -133,5 +133,6 @@ def body_rate(state: State) -> Row:
 @derived_signal("rad", value_range="nonnegative")
 def tilt(state: State) -> Row:
     """Angle between the thrust axis and the vertical; π for a vehicle that is upside down."""
-    cosine = cos(state.roll) * cos(state.pitch)
-    return arctan2(sqrt(maximum(1.0 - cosine * cosine, 0.0)), cosine)
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(state.roll), sin_cos(state.pitch)
+    x, y = sin_pitch, cos_pitch * sin_roll
+    return arctan2(sqrt(x * x + y * y), cos_roll * cos_pitch)

@@ -13,6 +13,7 @@ from drake_quad.framework.elementary import where
 from drake_quad.laboratory.derived_signals import DERIVED_SIGNALS, derived_signal
 from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.scenario.metrics.metric import METRICS
+from drake_quad.signals import State
 from drake_quad.statistics.estimates import bounded_mean_interval
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare, metric_mean, requirement_probability, values_with_crashes
@@ -68,6 +69,14 @@ def test_derived_signals_agree_with_their_definitions():
     for name in names:
         assert getattr(flight.metrics, name) == pytest.approx(expected[name], rel=1e-9), name
     assert {*names} == {*DERIVED_SIGNALS}
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.3, 1.6, math.pi - 1e-9])
+def test_the_tilt_is_accurate_near_the_vertical(angle):
+    tilt = DERIVED_SIGNALS["tilt"].formula
+    assert tilt(State(*[0.0] * 12)._replace(roll=angle)) == pytest.approx(angle, rel=1e-12)
+    small = State(*[0.0] * 12)._replace(roll=3e-9, pitch=-4e-9)
+    assert tilt(small) == pytest.approx(5e-9, rel=1e-12)
 
 
 @pytest.mark.long

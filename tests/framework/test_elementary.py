@@ -51,6 +51,14 @@ def test_log1p_is_accurate_and_has_derivatives():
         assert one.derivatives()[0] == pytest.approx(1.0 / (1.0 + x), rel=1e-6)
 
 
+def test_a_length_that_remains_zero_has_zero_derivatives():
+    """At 0, the derivative of the square root is infinite; derivatives of 0 remain 0."""
+    x, y = AutoDiffXd(0.0, [0.0, 1.0]), AutoDiffXd(0.09, [0.0, 0.3])
+    for actual in ([elementary.sqrt(x), elementary.sqrt(y)], elementary.sqrt(np.array([x, y]))):
+        np.testing.assert_allclose([each.value() for each in actual], [0.0, 0.3])
+        np.testing.assert_allclose([each.derivatives() for each in actual], [[0.0, np.inf], [0.0, 0.5]])
+
+
 def test_the_error_function_has_the_right_derivatives():
     numbers = [-2.5, -0.4, 0.0, 1e-20, 0.7, 6.5]
     expected = scipy.special.erf(numbers)
