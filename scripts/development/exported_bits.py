@@ -1,8 +1,8 @@
 """Compare flights of exported C code with the flights of the shipped controllers from which it was exported.
 
-For each controller, a compiled flight of 10 s is compared with a flight of the code in double precision, bit by bit.
-The steps of this flight are repeated with each compiler and each level of optimisation. In single precision, the RMSE
-and the largest difference of a command are compared. The script prints a table.
+For each controller, a compiled and a wired flight of 10 s are compared with a flight of the code in double precision,
+bit by bit. The steps of this flight are repeated with each compiler and each level of optimisation. In single
+precision, the RMSE and the largest difference of a command are compared. The script prints a table.
 """
 
 import shutil
@@ -70,13 +70,15 @@ def row(laboratory: str, controller: str, folder: Path) -> str:
         export_controller(scenario, folder)
     except InputError as error:
         return str(error)
-    expected = simulate(scenario, compiled=True)
+    expected, wired = simulate(scenario, compiled=True), simulate(scenario, compiled=False)
     kind = exported_controller(folder)
     Recorded.steps.clear()
     system = kind()
     system._running = Recorded(folder)
     flown = simulate(scenario, control=system)
-    unequal = sum(int((bits(flown[name]) != bits(expected[name])).sum()) for name in flown)
+    unequal = [
+        sum(int((bits(flown[name]) != bits(other[name])).sum()) for name in flown) for other in (expected, wired)
+    ]
     compilers = [compiler for compiler in ("gcc", "clang") if shutil.which(compiler)]
     changed = 0
     for compiler in compilers:
@@ -91,7 +93,8 @@ def row(laboratory: str, controller: str, folder: Path) -> str:
         1e-9
     )
     return (
-        f"{unequal} unequal bits in {len(flown)} signals, {changed} of {len(Recorded.steps)} steps changed by"
+        f"{unequal[0]} unequal values (compiled) and {unequal[1]} (wired) in {len(flown)} signals, {changed} of"
+        f" {len(Recorded.steps)} steps changed by"
         f" {', '.join(compilers)}; single precision: RMSE {100.0 * ratio:+.4f} %, command {difference.max():.1e}"
     )
 
