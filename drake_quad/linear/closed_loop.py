@@ -1,5 +1,6 @@
 """The closed loop of a scenario in hover: its equilibrium, its linear model, and the plants of its controllers."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -13,7 +14,7 @@ from drake_quad.errors import InputError
 from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
-from drake_quad.linear.sampled_system import SampledSystem, linearize, settle
+from drake_quad.linear.sampled_system import SampledSystem, lifted, linearize, linearize_ticks, settle
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.randomness.noise import ExportedRandomNumbers
 from drake_quad.randomness.streams import Samples
@@ -44,8 +45,7 @@ class ClosedLoop(NamedTuple):
     Attributes:
         diagram: diagram of the closed loop.
         context: context of the diagram at a tick, before the events of the tick.
-        system: linearisation x⁺ = A x over one period: the control period, the camera period or the vehicle's time
-            step, whichever is longest.
+        system: linearisation x⁺ = A x over the common period of all events (see `common_period`).
     """
 
     diagram: Diagram
@@ -69,14 +69,16 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
-    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), max(loop_periods(resting).values()))
+    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), common_period(resting))
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Return the closed loop with an offset that is added to each signal on the command link.
 
     The inputs of the linear system are the offsets `injection.0`, `injection.1`, ..., one for each component of the
-    command. The outputs `injected.0`, `injected.1`, ... are the sums of signal and offset.
+    command. The outputs `injected.0`, `injected.1`, ... are the sums of signal and offset. If a period is longer than
+    the control period, the system is lifted (see `lifted`): `injection.0@3` is the offset in tick 3 of the common
+    period.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -84,16 +86,9 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: under the conditions of `closed_loop`, or if a period is longer than the control period.
+        InputError: under the conditions of `closed_loop`.
     """
     resting = at_rest(scenario)
-    period = resting.laboratory.command_link.period
-    for name, other in loop_periods(resting).items():
-        if other > period:
-            raise InputError(
-                f"{name} is {other:g} s, but must be at most {period:g} s, the period of the command link,"
-                " for the computation of margins"
-            )
     user_systems = UserSystems(position_controller, control)
     diagram = build_fleet_diagram(
         Batch.draw(resting, [0]), plan_route(resting), user_systems=user_systems, injects=True
@@ -101,7 +96,18 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     context = diagram.CreateDefaultContext()
     port = diagram.GetInputPort("injection")
     port.FixValue(context, np.zeros(port.size()))
-    return _in_equilibrium(scenario.name, diagram, context, period, inputs=["injection"], outputs=["injected"])
+    common, tick = common_period(resting), resting.laboratory.command_link.period
+    loop = _in_equilibrium(scenario.name, diagram, context, common)
+    ticks, _ = linearize_ticks(
+        diagram,
+        loop.context,
+        period=tick,
+        num_ticks=round(common / tick),
+        inputs=["injection"],
+        outputs=["injected"],
+        without=PASSIVE_SYSTEMS,
+    )
+    return loop._replace(system=ticks[0] if len(ticks) == 1 else lifted(ticks))
 
 
 def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
@@ -119,7 +125,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     Raises:
         InputError: under the conditions of `closed_loop`.
     """
-    period = max(loop_periods(hovering).values())
+    period = common_period(hovering)
     plan = plan_route(hovering)
     diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=ExportedRandomNumbers(period))
     context = diagram.CreateDefaultContext()
@@ -331,6 +337,13 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
     columns = [rotor_action(RotorSpeed(*column), parameters).wrench for column in np.diag(np.sqrt(hover))]
     pattern = np.array(columns).T
     return pattern / np.abs(pattern).max(axis=1, keepdims=True)
+
+
+def common_period(scenario: Scenario) -> float:
+    """Return the period of a loop: the shortest time that is a multiple of the periods of all its events, s."""
+    periods = [period for period in loop_periods(scenario).values() if period > 0.0]
+    shortest = min(periods)
+    return shortest * math.lcm(*(round(period / shortest) for period in periods))
 
 
 def loop_periods(scenario: Scenario) -> dict[str, float]:

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
-from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, loop_periods, rotor_rows, wrench_of_rotors
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, common_period, rotor_rows, wrench_of_rotors
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import initialize_without_events, settle, tick_after
 from drake_quad.process_settings import single_threaded_blas
@@ -54,7 +54,7 @@ class HoverFleet:
     def __init__(self, resting: Scenario, fields: Sequence[str], *, user_systems: UserSystems = UserSystems()) -> None:
         self.resting, self.fields = resting, tuple(fields)
         self.states: tuple[str, ...] = ()
-        self.period = max(loop_periods(resting).values())
+        self.period = common_period(resting)
         self._plan, self.user_systems = plan_route(resting), user_systems
         self._pattern = wrench_of_rotors(resting)
 

@@ -6,10 +6,12 @@ either three torques or the angles that an autopilot follows. If an offset is ad
     signal on the link = S (offset),    S = 1 / (1 + L)
 
 follows exactly from the linear model of the closed loop, in which all other signals are fed back. L = 1/S - 1 is the
-transfer function of the loop broken at this signal.
+transfer function of the loop broken at this signal. If a sensor or the controller is slower than the link, the loop is
+periodic, and has margins but no transfer function (see `drake_quad.linear.periodic_margins`).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -18,6 +20,7 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import loop_with_injection
 from drake_quad.linear.margins import Margins, fast_margins, frequencies, margins
+from drake_quad.linear.periodic_margins import periodic_margins
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.linear.structured_singular_value import Block, mu_bound
 from drake_quad.scenario.models import Scenario
@@ -62,26 +65,42 @@ def link_margins(
     Raises:
         InputError: if the loop is unstable, or has no equilibrium or no linear model.
     """
-    loops = link_loops(scenario, position_controller=position_controller, control=control)
+    closed = _stable_loop(scenario, position_controller, control)
+    if _num_ticks(closed) > 1:
+        return {name: periodic_margins(_offset_loop(closed, [row])) for row, name in enumerate(_signals(scenario))}
+    loops = {name: _open_loop(closed, row) for row, name in enumerate(_signals(scenario))}
     return {name: None if loop is None else margins(loop) for name, loop in loops.items()}
 
 
 def link_loops(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, SampledSystem | None]:
-    """Return the loop transfer functions L of `link_margins`, with the same arguments and errors."""
+    """Return the loop transfer functions L of `link_margins`, with the same arguments and errors.
+
+    Raises:
+        InputError: also if a period is longer than the control period, since such a loop has no transfer function.
+    """
     closed = _stable_loop(scenario, position_controller, control)
+    if _num_ticks(closed) > 1:
+        raise InputError(
+            f"the loop of {scenario.name} has no transfer function, since some of its periods are longer than"
+            f" {scenario.laboratory.command_link.period:g} s, the period of the command link"
+        )
     return {name: _open_loop(closed, row) for row, name in enumerate(_signals(scenario))}
 
 
 def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
     """Return sensitivity peaks and delay margins for a search; the errors are as in `link_margins`.
 
-    The computation is ten times as fast as `link_margins`.
+    The computation is ten times as fast as `link_margins`, except for a loop in which a period is longer than the
+    control period.
     """
-    closed = _stable_loop(scenario, None, None)
-    rows = range(len(_signals(scenario)))
-    loops = closed.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
+    closed, rows = _stable_loop(scenario, None, None), range(len(_signals(scenario)))
+    if _num_ticks(closed) > 1:
+        each = [periodic_margins(_offset_loop(closed, [row]), points=_NUM_FREQUENCIES) for row in rows]
+        found = [margins for margins in each if margins is not None]
+        return FastLinkMargins(np.array([m.sensitivity for m in found]), np.array([m.delay for m in found]))
+    loops = _offset_loop(closed, rows)
     grid = frequencies(loops.period, points=_NUM_FREQUENCIES, lowest=_MIN_FREQUENCY)
     S = _diagonal(loops, grid)
     fed_back = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_FEEDBACK)
@@ -114,26 +133,29 @@ def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, co
     `link_margins`.
     """
     closed = _stable_loop(scenario, position_controller, control)
-    rows = range(len(_signals(scenario)))
-    loops = closed.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
-    return _joint_disk_margin(loops)
+    num_signals = len(_signals(scenario))
+    return _joint_disk_margin(_offset_loop(closed, range(num_signals)), num_signals)
 
 
-def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
+def _joint_disk_margin(loops: SampledSystem, num_signals: int) -> JointDiskMargin:
     """Return the disk margin for simultaneous changes of all signals.
 
     Args:
-        loops: stable closed loop whose inputs are offsets on the signals, and whose outputs are the signals.
+        loops: result of `_offset_loop` for all signals.
+        num_signals: number of signals.
     """
-    blocks = [Block(1, is_real=False)] * len(loops.inputs)
+    num_ticks = len(loops.inputs) // num_signals
+    blocks = [Block(num_ticks, is_real=False)] * num_signals
     grid = frequencies(loops.period, points=_NUM_DISK_FREQUENCIES, lowest=_MIN_FREQUENCY)
     peak = 0.0
     for _ in range(2):
         S = loops.response(np.exp(1j * grid * loops.period))
-        matrices = S - 0.5 * np.eye(len(blocks))
-        order = np.argsort(-np.linalg.norm(matrices, 2, axis=(1, 2)))
+        matrices = S - 0.5 * np.eye(len(loops.inputs))
+        coarse_bounds = _scaled_norms(matrices, num_ticks)
         top = 0
-        for i in order:
+        for i in np.argsort(-coarse_bounds):
+            if coarse_bounds[i] <= peak:
+                break
             bound = mu_bound(matrices[i], blocks, stop=peak).value
             if bound > peak:
                 peak, top = bound, int(i)
@@ -141,6 +163,28 @@ def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
     disk = 1.0 / peak
     gain = 20.0 * math.log10((2.0 + disk) / (2.0 - disk)) if disk < 2.0 else math.inf
     return JointDiskMargin(disk, gain, math.degrees(2.0 * math.atan(0.5 * disk)))
+
+
+def _scaled_norms(matrices: np.ndarray, size: int) -> np.ndarray:
+    """Return upper bounds (points,) of the structured singular values of matrices with blocks of equal size.
+
+    The bound is the norm after a scaling of the blocks by the Perron vectors of the matrix of their norms (M. G.
+    Safonov, "Stability margins of diagonally perturbed multivariable feedback systems", IEE Proceedings D 129(6),
+    1982).
+    """
+    points, n, _ = matrices.shape
+    blocks = matrices.reshape(points, n // size, size, n // size, size).swapaxes(2, 3)
+    norms = np.linalg.norm(blocks, 2, axis=(3, 4)) + 1e-12  # positive, so that the Perron vectors are positive
+    right, left = (_perron_vector(each) for each in (norms, norms.swapaxes(1, 2)))
+    scale = np.repeat(np.sqrt(left / right), size, axis=1)
+    return np.linalg.norm(matrices * scale[:, :, np.newaxis] / scale[:, np.newaxis, :], 2, axis=(1, 2))
+
+
+def _perron_vector(matrices: np.ndarray) -> np.ndarray:
+    """Return the positive eigenvectors (points, r) of positive matrices (points, r, r)."""
+    values, vectors = np.linalg.eig(matrices)
+    largest = np.argmax(values.real, axis=1)
+    return np.abs(np.take_along_axis(vectors, largest[:, np.newaxis, np.newaxis], axis=2)[:, :, 0])
 
 
 def _peaks(loops: SampledSystem, signals: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -168,7 +212,7 @@ def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
 def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> SampledSystem:
     """Return the loop of `loop_with_injection`, and raise InputError if it is unstable."""
     closed = loop_with_injection(scenario, position_controller=position_controller, control=control).system
-    size = float(np.abs(closed.poles()).max())
+    size = float(np.abs(closed.without_hidden_modes().poles()).max())
     if not size < 1.0:
         raise InputError(
             f"the loop of {scenario.name} is unstable in hover (its largest pole has magnitude {size:.4f}), so it has"
@@ -183,9 +227,24 @@ def _signals(scenario: Scenario) -> list[str]:
     return [name for name in signal._fields if name not in ("p", "q", "r")]
 
 
+def _num_ticks(closed: SampledSystem) -> int:
+    """Return the number of ticks in the common period of a loop of `loop_with_injection`; 1 if it is not lifted."""
+    return sum(name.partition("@")[0] == "injection.0" for name in closed.inputs)
+
+
+def _offset_loop(closed: SampledSystem, rows: Sequence[int]) -> SampledSystem:
+    """Return the loop from offsets on some signals to these signals, with all ticks of a signal one after another."""
+
+    def of_signals(names: Sequence[str], port: str) -> list[str]:
+        return [name for row in rows for name in names if name.partition("@")[0] == f"{port}.{row}"]
+
+    inputs, outputs = of_signals(closed.inputs, "injection"), of_signals(closed.outputs, "injected")
+    return closed.between(inputs, outputs).connected().without_hidden_modes()
+
+
 def _open_loop(closed: SampledSystem, row: int) -> SampledSystem | None:
     """Return L = -C (zI - A + B C)⁻¹ B of a signal, given S = 1 + C (zI - A)⁻¹ B; None if it is not fed back."""
-    sensitivity = closed.between([f"injection.{row}"], [f"injected.{row}"]).connected()
+    sensitivity = _offset_loop(closed, [row])
     if (
         not len(sensitivity.A)
         or np.abs(sensitivity.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_FEEDBACK

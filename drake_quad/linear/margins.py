@@ -63,13 +63,13 @@ def margins(loop: SampledSystem) -> Margins:
     magnitudes = np.abs(_response(loop, real_crossings))
     gains = np.array([*1.0 / magnitudes, *(_gain_where_real(loop, z) for z in (1.0, -1.0))])
     closed = _sensitivity(loop)
-    additional = np.append(_near_modes(closed, grid), math.pi / loop.period)
+    additional = np.append(near_modes(closed, grid), math.pi / loop.period)
     all_frequencies = np.append(grid, additional)
     order = np.argsort(all_frequencies)
     all_frequencies, S = all_frequencies[order], np.append(1.0 / (1.0 + response), _response(closed, additional))[order]
     return Margins(
-        gain=_decibel(np.min(gains[gains > 1.0], initial=np.inf)),
-        gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
+        gain=decibel(np.min(gains[gains > 1.0], initial=np.inf)),
+        gain_reduction=-decibel(np.max(gains[gains < 1.0], initial=0.0)),
         phase=float(np.min(np.abs(phases), initial=np.inf)),
         delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
         disk=1.0 / _peak(closed, all_frequencies, S, lambda s: np.abs(s - 0.5)),
@@ -196,7 +196,7 @@ def _sensitivity(loop: SampledSystem) -> SampledSystem:
     return replace(loop, A=loop.A - loop.B @ feedback, B=loop.B @ sensitivity, C=-feedback, D=sensitivity)
 
 
-def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
+def near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
     """Return additional frequencies (rad/s) around modes whose peaks can be narrower than the grid steps."""
     poles = system.poles()
     poles = poles[poles.imag > 0.0]
@@ -250,5 +250,6 @@ def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> f
     return float(np.min(_crossings(loop, grid, response, excess), initial=np.inf))
 
 
-def _decibel(factor: float) -> float:
+def decibel(factor: float) -> float:
+    """Return a factor in dB."""
     return 20.0 * math.log10(factor) if factor > 0.0 else -math.inf

@@ -13,6 +13,7 @@ contain the exact effect of every delay, hold, filter and step. A of a closed lo
 eigenvalues are the Floquet multipliers.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
 # Number of periods that are simulated before a diagram is linearised. In the first periods, rounding errors separate
 # events with different periods that should coincide.
 _NUM_SETTLING_PERIODS = 4
+# A mode counts as neutral if the magnitude of its pole is larger than 1 minus this tolerance. Double poles at 1
+# have rounding errors of about 1e-8.
+_NEUTRAL_TOLERANCE = 1e-6
+_HIDDEN_TOLERANCE = 1e-6  # largest response of an output to an input by hidden modes; for both in the same unit
 _SETTLING_TIME = 60.0  # s, in which the covariances of Kalman filters settle in hover
 
 
@@ -159,6 +164,27 @@ class SampledSystem:
         states = tuple(self.states[i] for i in indices)
         return replace(self, A=self.A[np.ix_(indices, indices)], B=self.B[indices], C=self.C[:, indices], states=states)
 
+    def without_hidden_modes(self) -> "SampledSystem":
+        """Return the system without neutral and unstable modes that do not act from its inputs on its outputs.
+
+        An example is the drift of a position that no sensor measures. The result is the system itself if one of these
+        modes acts on the outputs. Otherwise its states are combinations of the states of this system, without names of
+        their own.
+        """
+        balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
+        T, basis, k = scipy.linalg.schur(balanced, sort=lambda re, im: math.hypot(re, im) > 1.0 - _NEUTRAL_TOLERANCE)
+        if k == 0:
+            return self
+        coupling = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
+        B, C = basis.T @ (self.B / scales[0][:, np.newaxis]), self.C * scales[0] @ basis
+        hidden_inputs, hidden_outputs = B[:k] - coupling @ B[k:], C[:, :k]
+        for _ in range(k):
+            if (np.abs(hidden_outputs @ hidden_inputs) > _HIDDEN_TOLERANCE).any():
+                return self
+            hidden_outputs = hidden_outputs @ T[:k, :k]
+        names = tuple(f"mode.{i}" for i in range(len(self.A) - k))
+        return replace(self, A=T[k:, k:], B=B[k:], C=C[:, k:] + C[:, :k] @ coupling, states=names)
+
     def with_feedback(self, gain: np.ndarray) -> "SampledSystem":
         """Return the closed loop from v to y, where u = v - gain y; the system must have D = 0.
 
@@ -213,43 +239,103 @@ def linearize(
     Raises:
         InputError: a system does not support AutoDiffXd, or has an abstract state.
     """
+    (system,), change = linearize_ticks(
+        diagram, context, period=period, num_ticks=1, inputs=inputs, outputs=outputs, without=without
+    )
+    return system, change
+
+
+def linearize_ticks(
+    diagram: Diagram,
+    context: Context,
+    *,
+    period: float,
+    num_ticks: int,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    without: Sequence[str] = (),
+) -> tuple[list[SampledSystem], np.ndarray]:
+    """Linearise a diagram's maps from each of several consecutive ticks to the next.
+
+    The arguments and errors are those of `linearize`, except that only the whole time must be a multiple of the periods
+    of all events, not the period between two ticks.
+
+    Returns:
+        The linear system from each tick to the next, and the state change (n,) over all ticks.
+    """
     layout = ContextVector(diagram, without=without)
     converted = to_autodiff(diagram)
     state = layout.read(diagram, context)
-    n = len(state)
     ports = [diagram.GetInputPort(name) for name in inputs]
-    point = InitializeAutoDiff(np.concatenate([state, *(port.Eval(context) for port in ports)])).ravel()
+    fixed = [port.Eval(context) for port in ports]
+    n, m = len(state), sum(map(len, fixed))
 
     root = converted.CreateDefaultContext()
     root.SetTimeStateAndParametersFrom(context)
     converted.FixInputPortsFrom(diagram, context, root)
-    layout.write(converted, root, point[:n])
-    first = n
-    for name, port in zip(inputs, ports, strict=True):
-        converted.GetInputPort(name).FixValue(root, point[first : first + port.size()])
-        first += port.size()
-    y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
-    # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
-    with np.errstate(all="ignore"):
-        simulator = initialize_without_events(Simulator_[AutoDiffXd](converted, root))
-        simulator.AdvanceTo(tick_after(context.get_time(), period))
+    simulator = initialize_without_events(Simulator_[AutoDiffXd](converted, root))
+    systems, x, first_tick = [], state, round(context.get_time() / period)
+    for tick in range(first_tick, first_tick + num_ticks):
+        point = InitializeAutoDiff(np.concatenate([x, *fixed])).ravel()
+        layout.write(converted, root, point[:n])
+        first = n
+        for name, port in zip(inputs, ports, strict=True):
+            converted.GetInputPort(name).FixValue(root, point[first : first + port.size()])
+            first += port.size()
+        y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
+        # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
+        with np.errstate(all="ignore"):
+            simulator.AdvanceTo(tick_after(0.0, period, tick + 1))
+        after = layout.read(converted, root)
+        state_gradient = _gradient(after, n + m)
+        output_gradient = _gradient(np.concatenate([*y, np.empty(0)]), n + m)
+        x = ExtractValue(after).ravel()
+        systems.append(
+            SampledSystem(
+                state_gradient[:, :n],
+                state_gradient[:, n:],
+                output_gradient[:, :n],
+                output_gradient[:, n:],
+                period,
+                layout.names,
+                tuple(name for port in ports for name in port_rows(port.get_name(), port.size())),
+                tuple(name for port in outputs for name in port_rows(port, diagram.GetOutputPort(port).size())),
+            )
+        )
+    return systems, x - state
 
-    after = layout.read(converted, root)
-    state_gradient, output_gradient = (
-        _gradient(after, len(point)),
-        _gradient(np.concatenate([*y, np.empty(0)]), len(point)),
+
+def lifted(systems: Sequence[SampledSystem]) -> SampledSystem:
+    """Return a periodic system as a time-invariant system over the common period of its rates.
+
+    The method is lifting (P. P. Khargonekar, K. Poolla and A. Tannenbaum, "Robust control of linear time-invariant
+    plants using periodic compensation", IEEE Transactions on Automatic Control 30(11), 1985). Inputs and outputs at
+    different ticks are different inputs and outputs: `u` becomes `u@0`, `u@1`, …
+
+    Args:
+        systems: system from each tick of the common period to the next tick.
+    """
+    first = systems[0]
+    n, m = first.B.shape
+    p = len(first.C)
+    A, B = np.eye(n), np.zeros((n, m * len(systems)))
+    C, D = np.zeros((p * len(systems), n)), np.zeros((p * len(systems), m * len(systems)))
+    for tick, system in enumerate(systems):
+        rows, columns = slice(p * tick, p * (tick + 1)), slice(m * tick, m * (tick + 1))
+        C[rows], D[rows] = system.C @ A, system.C @ B
+        D[rows, columns] = system.D
+        A, B = system.A @ A, system.A @ B
+        B[:, columns] = system.B
+    return replace(
+        first,
+        A=A,
+        B=B,
+        C=C,
+        D=D,
+        period=first.period * len(systems),
+        inputs=tuple(f"{name}@{tick}" for tick in range(len(systems)) for name in first.inputs),
+        outputs=tuple(f"{name}@{tick}" for tick in range(len(systems)) for name in first.outputs),
     )
-    system = SampledSystem(
-        state_gradient[:, :n],
-        state_gradient[:, n:],
-        output_gradient[:, :n],
-        output_gradient[:, n:],
-        period,
-        layout.names,
-        tuple(name for port in ports for name in port_rows(port.get_name(), port.size())),
-        tuple(name for port in outputs for name in port_rows(port, diagram.GetOutputPort(port).size())),
-    )
-    return system, ExtractValue(after).ravel() - state
 
 
 def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Context:
