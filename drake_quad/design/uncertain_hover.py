@@ -149,6 +149,11 @@ class UncertainHover:
                 f"no distribution with a range in {scenario.name} acts on hover in still air, so there is nothing to"
                 " certify; give one, such as vehicle.mass"
             )
+        if scenario.laboratory.estimator.names_of_sensors(scenario.laboratory):
+            raise InputError(
+                f"{scenario.name} has a state estimator, with which hover cannot be certified, since estimators reject"
+                " large deviations; set laboratory.estimator to {kind: motion_capture}"
+            )
         hovering = symmetric_hover(at_rest(median_scenario(scenario)))
         if user_systems == UserSystems():
             decoupled_loop(hovering)  # raises InputError if the loop has no linear model
