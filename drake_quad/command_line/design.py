@@ -6,6 +6,7 @@ flight-controller firmware, with the gains from the firmware's parameters.
 """
 
 import argparse
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +15,7 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError
 from drake_quad.command_line.firmware import write_firmware_controller
-from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.flight_remarks import print_flight_remarks, remark_on_estimator
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -49,7 +50,7 @@ from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
 from drake_quad.linear.link_margins import joint_disk_margin
-from drake_quad.linear.modes import modes
+from drake_quad.linear.modes import MAX_POLE_ERROR, modes
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import build_model, load_undesigned
@@ -129,6 +130,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.certify and not has_distributions:
         raise InputError(f"--certify: {scenario.name} contains no distribution, so there is nothing to certify")
     print_flight_remarks([scenario])
+    remark_on_estimator(scenario)
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
@@ -350,14 +352,23 @@ def print_design(design: CascadeDesign) -> None:
 
 
 def print_modes(loop: ClosedLoop) -> None:
-    """Print the modes of the whole closed loop, sampled at each tick, from the slowest to the fastest mode."""
+    """Print the modes of the whole closed loop, from the slowest to the fastest mode."""
     system = loop.system
     rows = []
     for mode in modes(system.A, system.states, period=system.period):
         if mode.frequency < _MAX_MODE_FREQUENCY:
-            paths = (name.split(".")[-2:] for name in mode.states if ".vehicle." in name)
-            states = ", ".join(dict.fromkeys("rotors" if group == "rotor_speed" else row for group, row in paths))
-            decay = -mode.pole.real
-            rows.append((f"{mode.frequency:.2f} rad/s", f"{mode.damping:.2f}", f"{1.0 / decay:.2f} s", states))
-    print(f"\nmodes of the whole closed loop, sampled at each tick ({system.period:g} s)")
+            paths = [name.split(".") for name in mode.states]
+            of_vehicle = ["rotors" if path[-2] == "rotor_speed" else path[-1] for path in paths if "vehicle" in path]
+            # Modes in which the vehicle hardly participates are named by other parts of the loop.
+            states = of_vehicle or [path[1] if path[0] == "laboratory" else path[0] for path in paths]
+            if math.isnan(mode.damping):
+                numbers = f"< {MAX_POLE_ERROR:g} rad/s", "–", f"> {1.0 / MAX_POLE_ERROR:.0f} s"
+            else:
+                numbers = (
+                    f"{mode.frequency:.2f} rad/s",
+                    f"{mode.damping:.2f}",
+                    f"{-1.0 / mode.pole.real:.2f} s",
+                )
+            rows.append((*numbers, ", ".join(dict.fromkeys(states))))
+    print(f"\nmodes of the whole closed loop over a period of {system.period:g} s")
     print_columns(("frequency", "damping", "time constant", "states"), rows)

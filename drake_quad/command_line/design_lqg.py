@@ -11,7 +11,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.flight_remarks import print_flight_remarks, remark_on_estimator
 from drake_quad.command_line.options import (
     add_controller,
     add_stability_limits,
@@ -60,6 +60,7 @@ def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, _RANGES)
     scenario = scenario_from_arguments(arguments, load=load_undesigned)
     print_flight_remarks([scenario])
+    remark_on_estimator(scenario)
     limits = LqgLimits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
     design = design_lqg(scenario, limits)
     designed = scenario.model_copy(update={"control": design.control})

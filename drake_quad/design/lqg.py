@@ -40,6 +40,7 @@ from drake_quad.linear.margins import Margins, fast_margins
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.batch import Batch, median_scenario, scenario_at_quantile
 from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
+from drake_quad.scenario.hovering import with_exact_measurement
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
@@ -198,7 +199,8 @@ class LqgDesign:
 def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
     """Design linear-quadratic-Gaussian control for a scenario.
 
-    If the scenario has no autopilot, the result includes a yaw PD, which is designed as for a cascade.
+    If the scenario has no autopilot, the result includes a yaw PD, which is designed as for a cascade. If it has a
+    state estimator, the output of the plants is the exact state, and the limits hold for the loop with the estimator.
 
     Args:
         scenario: scenario with or without distributions; its control is ignored.
@@ -208,9 +210,10 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         InputError: if no design is stable for the nominal plant, or the yaw PD cannot be designed.
     """
     on_board = scenario.laboratory.autopilot.controls_attitude
-    plants, conditions = considered_plants(scenario), flight_conditions(scenario)
+    measured = with_exact_measurement(scenario)
+    plants, conditions = considered_plants(measured), flight_conditions(measured)
     nominal, *_ = plants
-    timings = candidate_timings(scenario, plants)
+    timings = candidate_timings(measured, plants)
     gravity = scenario.nominal.gravity
 
     def lateral_axis(

@@ -20,7 +20,7 @@ from drake_quad.randomness.noise import ExportedRandomNumbers
 from drake_quad.randomness.streams import Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.hovering import at_rest, nominal_hover, symmetric_hover
+from drake_quad.scenario.hovering import at_rest, nominal_hover, symmetric_hover, with_exact_measurement
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import join_path
 from drake_quad.scenario.routes.hover import HoverRoute
@@ -175,7 +175,7 @@ class LaboratoryPlant(NamedTuple):
 
 
 def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] = "nominal") -> LaboratoryPlant:
-    """Return the plant that a scenario's controllers act on, in hover in still air.
+    """Return the plant that a scenario's controllers act on, in hover in still air, without a state estimator.
 
     Args:
         scenario: scenario with the laboratory.
@@ -183,15 +183,9 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
             that couple its axes: differences between rotors, an offset centre of mass, and misaligned markers.
 
     Raises:
-        InputError: if the scenario has a state estimator, hover is not an equilibrium, or a period is longer than the
-            control period.
+        InputError: if hover is not an equilibrium, or a period is longer than the control period.
     """
-    if scenario.laboratory.estimator.names_of_sensors(scenario.laboratory):
-        raise InputError(
-            f"{scenario.name} has a state estimator, without which gains are designed; set laboratory.estimator to"
-            " {kind: motion_capture} for the design, and check the margins of the result with the estimator"
-        )
-    resting = _in_still_air(scenario, vehicle)
+    resting = _in_still_air(with_exact_measurement(scenario), vehicle)
     period = resting.laboratory.command_link.period
     for name, other in loop_periods(resting).items():
         if not 0.0 < other <= period:

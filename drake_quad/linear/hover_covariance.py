@@ -56,6 +56,7 @@ def linear_hover_error(scenario: Scenario) -> LinearHoverError:
     loop, offset = loop_with_noise(without_losses(in_hover(scenario)))
     system = loop.system
     position_system = system.between(system.inputs, ["state.x", "state.y", "state.z"]).connected()
+    position_system = position_system.without_hidden_modes()
     size = float(np.abs(position_system.poles()).max(initial=0.0))
     if size >= 1.0 - _STABILITY_TOLERANCE:
         cause, remedy = "unstable", "reduce the gains or the delays"

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-_MIN_PARTICIPATION = (
-    0.1  # smallest participation of a state that is named, relative to the largest participation in the mode
-)
-_MAX_POLE_ERROR = 0.01  # 1/s, largest error that rounding causes in repeated eigenvalues
+# Smallest participation of a state that is named, relative to the largest participation in the mode.
+_MIN_PARTICIPATION = 0.1
+MAX_POLE_ERROR = 0.01
+"""Largest error that rounding causes in repeated eigenvalues, 1/s."""
 
 
 class Mode(NamedTuple):
@@ -20,7 +20,8 @@ class Mode(NamedTuple):
         pole: pole s of a continuous system, or log(z) / period of a sampled system, 1/s; for a pair, the pole with
             positive imaginary part.
         frequency: natural frequency |s|, rad/s.
-        damping: damping ratio -Re s / |s|; NaN for an integrator.
+        damping: damping ratio -Re s / |s|; NaN for an integrator, whose |s| is at most
+            `MAX_POLE_ERROR`.
         multiplicity: multiplicity of the eigenvalue.
         states: names of the states that participate in the mode, in descending order of their participation.
     """
@@ -59,7 +60,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
     result = []
     while remaining:
         first = values[remaining[0]]
-        radius = max(1e-3 * abs(pole_of(first)), _MAX_POLE_ERROR)
+        radius = max(1e-3 * abs(pole_of(first)), MAX_POLE_ERROR)
         equal = [i for i in remaining if distance(values[i], first) < radius]
         remaining = [i for i in remaining if i not in equal]
         pole = pole_of(np.mean(values[equal]))
@@ -72,7 +73,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
             for i in np.argsort(-participation, kind="stable")
             if participation[i] > _MIN_PARTICIPATION * participation.max()
         ]
-        damping = -pole.real / size if size > _MAX_POLE_ERROR else np.nan
+        damping = -pole.real / size if size > MAX_POLE_ERROR else np.nan
         result.append(Mode(pole, size, damping, len(equal), tuple(states[i] for i in order)))
     return sorted(result, key=lambda mode: mode.frequency)
 

@@ -4,8 +4,10 @@ from typing import Any
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.effects.effect import EFFECTS
+from drake_quad.scenario.estimators.motion_capture import MotionCaptureEstimator
 from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.models import MetricWindow, Nominal, Scenario, Vehicle
+from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.paths import distributions_in, with_values
 from drake_quad.scenario.routes.hover import HoverRoute
 
@@ -73,6 +75,19 @@ def in_hover(scenario: Scenario) -> Scenario:
         "metrics": MetricWindow(),
         "initial": InitialState(),
         "requirements": {},
+    }
+    return with_values(scenario, settings)
+
+
+def with_exact_measurement(scenario: Scenario) -> Scenario:
+    """Return the scenario with the exact state in place of the estimate; the same scenario if it has no estimator."""
+    laboratory = scenario.laboratory
+    if not laboratory.estimator.names_of_sensors(laboratory):
+        return scenario
+    settings = {
+        "laboratory.estimator": MotionCaptureEstimator(kind="motion_capture"),
+        "laboratory.motion_capture": MotionCaptureSettings(period=laboratory.command_link.period),
+        "laboratory.sensors": (),
     }
     return with_values(scenario, settings)
 

@@ -261,7 +261,7 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
 
 
 def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
-    """Modes faster than 60 rad/s are left out. The printed states of a mode are states of the vehicle."""
+    """Modes faster than 60 rad/s are left out. The states of a mode are those of the vehicle, if it has any."""
 
     def oscillator(frequency, damping):
         return np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
@@ -269,13 +269,14 @@ def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
     slow, fast, rotors = oscillator(1.0, 0.6), oscillator(70.0, 0.5), np.array([[-25.0]])
     names = (
         "plant.vehicle.state.x", "plant.vehicle.state.v_x", "plant.vehicle.state.roll", "plant.vehicle.state.p",
-        "plant.vehicle.rotor_speed.rotor_1",
+        "plant.vehicle.rotor_speed.rotor_1", "laboratory.estimator.estimate.gyroscope_bias.z",
     )  # fmt: skip
-    A = scipy.linalg.expm(0.01 * scipy.linalg.block_diag(slow, fast, rotors))
+    A = scipy.linalg.expm(0.01 * scipy.linalg.block_diag(slow, fast, rotors, 1e-13))
     design.print_modes(SimpleNamespace(system=SimpleNamespace(A=A, states=names, period=0.01)))
-    _, title, header, first, second = cells(capsys.readouterr().out)
-    assert title == ["modes of the whole closed loop, sampled at each tick (0.01 s)"]
+    _, title, header, drift, first, second = cells(capsys.readouterr().out)
+    assert title == ["modes of the whole closed loop over a period of 0.01 s"]
     assert header == ["frequency", "damping", "time constant", "states"]
+    assert drift == ["< 0.01 rad/s", "–", "> 100 s", "estimator"]
     assert first[:3] == ["1.00 rad/s", "0.60", "1.67 s"]
     assert set(first[3].split(", ")) == {"x", "v_x"}
     assert second == ["25.00 rad/s", "1.00", "0.04 s", "rotors"]
