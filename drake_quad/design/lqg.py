@@ -33,6 +33,7 @@ from drake_quad.control.lqg.design import AxisLoop, Timing
 from drake_quad.design.cascade import design_cascade
 from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import simulate_samples
 from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.disturbances import DisturbanceStatistics, disturbance_statistics, disturbances_along
 from drake_quad.linear.link_margins import link_margins
@@ -40,7 +41,7 @@ from drake_quad.linear.margins import Margins, fast_margins
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.batch import Batch, median_scenario, scenario_at_quantile
 from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
-from drake_quad.scenario.hovering import with_exact_measurement
+from drake_quad.scenario.hovering import in_hover, with_exact_measurement
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
@@ -56,6 +57,9 @@ _MIN_DISTURBANCE = 0.05  # m/s²
 _MIN_BIAS = 0.5  # m/s⁴, constant angular acceleration times gravity
 _MIN_POSITION_NOISE = 5e-4  # m
 _MIN_ATTITUDE_NOISE = 2e-3  # rad
+# Time in which a position loop responds, and the flights in which the error of a state estimator is measured.
+_ESTIMATE_INTERVAL = 0.2  # s
+_ESTIMATE_DURATION, _NUM_ESTIMATES = 20.0, 4  # s
 # Assumed uncertainty of plant parameters that are not distributions.
 _LAG_SPREAD = 1.6  # factor by which the lag of a rotor may be larger or smaller than its nominal value
 _RESPONSE_SPREAD = 1.15  # the same factor for the natural frequency of the attitude response
@@ -211,7 +215,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
     """
     on_board = scenario.laboratory.autopilot.controls_attitude
     measured = with_exact_measurement(scenario)
-    plants, conditions = considered_plants(measured), flight_conditions(measured)
+    plants, conditions = considered_plants(measured), flight_conditions(scenario)
     nominal, *_ = plants
     timings = candidate_timings(measured, plants)
     gravity = scenario.nominal.gravity
@@ -352,8 +356,8 @@ def flight_conditions(scenario: Scenario) -> Conditions:
     disturbed = disturbances_along(batch, plan_route(scenario))
     x, y, z = disturbed.acceleration
     gravity = scenario.nominal.gravity
-    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
-    position, attitude = (_size(noise) for noise in (cameras.position_noise, cameras.attitude_noise))
+    link = scenario.laboratory.command_link
+    position, attitude = measurement_noise(scenario)
     lateral, vertical = (
         each._replace(deviation=max(each.deviation, _MIN_DISTURBANCE), time=max(each.time, 5.0 * link.period))
         for each in (
@@ -372,6 +376,24 @@ def flight_conditions(scenario: Scenario) -> Conditions:
         max(attitude, _MIN_ATTITUDE_NOISE),
         _size(link.loss_rate),
     )
+
+
+def measurement_noise(scenario: Scenario) -> tuple[float, float]:
+    """Return the standard deviations of the measured position (m) and attitude (rad) that a design assumes.
+
+    The error of a state estimator is correlated in time. It is replaced by white noise whose values at two times differ
+    as much as the errors do after `_ESTIMATE_INTERVAL`, in flights in hover with the control of the scenario.
+    """
+    laboratory = scenario.laboratory
+    if not laboratory.estimator.names_of_sensors(laboratory):
+        return _size(laboratory.motion_capture.position_noise), _size(laboratory.motion_capture.attitude_noise)
+    hovering = in_hover(median_scenario(scenario)).model_copy(update={"duration": _ESTIMATE_DURATION})
+    flights = simulate_samples(hovering, range(_NUM_ESTIMATES))
+    error = np.array([flight["measurement"][:, :6] - flight["state"][:, :6] for flight in flights])
+    lag = max(round(_ESTIMATE_INTERVAL / laboratory.command_link.period), 1)
+    variance = 0.5 * np.square(error[:, lag:] - error[:, :-lag]).mean(axis=(0, 1))
+    # The design has one value for all coordinates, and one for roll and pitch.
+    return float(np.sqrt(variance[:3].mean())), float(np.sqrt(variance[3:5].mean()))
 
 
 def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
