@@ -189,7 +189,8 @@ def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float
     for option, (minimum, maximum) in ranges.items():
         value = getattr(arguments, option.replace("-", "_"))
         if value is not None and not minimum <= value <= maximum:
-            raise InputError(f"--{option} is {value:g}, but must be between {minimum:g} and {maximum:g}")
+            name = option.replace("_", "-")
+            raise InputError(f"--{name} is {value:.15g}, but must be between {minimum:.15g} and {maximum:.15g}")
 
 
 def check_metric(

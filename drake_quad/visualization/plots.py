@@ -13,6 +13,7 @@ from drake_quad.files import output_folder
 from drake_quad.flight.flight import Flight
 from drake_quad.signals import Attitude
 from drake_quad.visualization.curves import dash_overlapping_curves
+from drake_quad.visualization.estimate_plots import plot_flown_estimate
 from drake_quad.visualization.learning_plots import (
     plot_learning,
     plot_network_memberships,
@@ -204,8 +205,9 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = None) -> list[Path]:
     """Write all plots of a flight into a folder, and return the paths of the files.
 
-    A plot of the wind is written if there is wind, and plots of the learning are written if there is a network. The
-    surfaces and the secant gains of a network are plotted if its inputs are error and error rate.
+    A plot of the wind is written if there is wind, a plot of the estimate if there is a state estimator, and plots of
+    the learning if there is a network. The surfaces and the secant gains of a network are plotted if its inputs are
+    error and error rate.
 
     Args:
         flight: flight to plot.
@@ -219,6 +221,9 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     plots = dict(PLOTS)
     if flight.scenario.laboratory.wind or flight["wind"].any():
         plots["wind"] = plot_wind
+    laboratory = flight.scenario.laboratory
+    if laboratory.estimator.names_of_sensors(laboratory):
+        plots["estimate"] = plot_flown_estimate
     network = flight.scenario.control.network
     if network is not None and "weights" in flight.signals:
         plots |= {"memberships": plot_network_memberships, "learning": plot_learning}

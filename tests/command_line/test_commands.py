@@ -695,7 +695,7 @@ def test_fly_shows_the_flight_live(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^open http://127\.0\.0\.1:\d+ in a browser on this machine$", result.stdout, re.MULTILINE)
     result = run("fly", *study, "--meshcat", "--rate", -1)
-    assert (result.returncode, result.stderr) == (2, "error: --rate is -1, but must be between 0 and 1e+06\n")
+    assert (result.returncode, result.stderr) == (2, "error: --rate is -1, but must be between 0 and 1000000\n")
 
 
 @pytest.mark.long

@@ -476,8 +476,8 @@ def test_files_for_other_programs_are_written_on_request(run, simulated, tmp_pat
     assert simulated["written"] == [("px4.csv", simulated["flight"], tmp_path / "px4.csv")]
     assert simulated["save_network"] == [((simulated["flight"], str(tmp_path / "net.yaml")), {})]
     for wrong, words in (
-        (["--rate", "inf"], "--rate is inf, but must be between 0 and 1e+06"),
-        (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1e+06"),
+        (["--rate", "inf"], "--rate is inf, but must be between 0 and 1000000"),
+        (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1000000"),
     ):
         refused = run(*command_line, *wrong)
         assert refused.returncode == 2

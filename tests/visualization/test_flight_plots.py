@@ -13,6 +13,7 @@ from drake_quad.laboratory.wind.fans import jet_speed
 from drake_quad.scenario.winds.source import jets
 from drake_quad.signals import State
 from drake_quad.visualization import plots
+from drake_quad.visualization.estimate_plots import plot_flown_estimate
 from drake_quad.visualization.leg_marks import leg_legend, leg_marks, number_legs, shade_legs
 from drake_quad.visualization.overview import plot_flight
 from drake_quad.visualization.positions import coordinates_by_axis, positions
@@ -38,6 +39,12 @@ def crash():
     """Return a flight that crashes in a strong wind."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [6, 0, 0]}]"]
     return simulate(load_scenario("hover", ["duration=3", "crash.position_error=0.5", *wind]))
+
+
+@pytest.fixture(scope="module")
+def estimated():
+    """Return a flight with a state estimator."""
+    return simulate(load_scenario("warehouse_uwb", ["duration=1"]))
 
 
 def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
@@ -180,15 +187,30 @@ def test_the_overview_of_a_flight_has_four_panels(flight, crash):
 
 
 @pytest.mark.long
-def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
+def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, estimated, monkeypatch):
     """A flight without wind has no plot of the wind, and a flight without a network has no plots of the learning."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     always = ["path", "errors", "attitude", "rotors"]
     assert plots.save_plots(flight, ".") == [*always, "wind"]
     still = simulate(load_scenario("hover", ["duration=0.1"]))
     assert plots.save_plots(still, ".") == always
+    assert plots.save_plots(estimated, ".") == [*always, "estimate"]
     learned = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", "laboratory.wind=[]"]))
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
+
+
+def test_errors_of_an_estimate_are_shown_with_two_standard_deviations_and_innovations(estimated):
+    figure = plot_flown_estimate(estimated)
+    assert legends(figure) == ["2 standard deviations", "error"]
+    position, *_, yaw, innovations = figure.axes
+    difference = estimated["measurement"] - estimated["state"]
+    np.testing.assert_allclose(curve(position, "error")[1], 100.0 * np.linalg.norm(difference[:, :3], axis=1))
+    np.testing.assert_allclose(curve(yaw, "error")[1], 1000.0 * np.abs(difference[:, 5]), atol=1e-9)
+    band = position.collections[0].get_paths()[0].vertices[:, 1].max()
+    deviation = np.linalg.norm(estimated["estimate_deviation"][:, :3], axis=1)
+    assert band == pytest.approx(200.0 * deviation.max())
+    shown = np.array([line.get_ydata() for line in innovations.lines])
+    np.testing.assert_array_equal(shown, estimated["innovation"].T)
 
 
 def test_positions_of_a_vehicle_are_read_from_its_state(flight):
