@@ -8,6 +8,7 @@ points in each round; radial basis functions predict it for all other points. Th
 follow, which evaluate the limit at every step.
 """
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -179,15 +180,16 @@ def tune(
             numbers[i] = number
     best = best._replace(values=tuple(numbers))
     trial = _Trial(scenarios, parameters, budget._replace(candidates=1), first_sample, extra_latency)
+    starts = [best]
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
         fraction = math.inf if margin_ratios is None else float(margin_ratios(trial.scenario(point)).min())
-        best = _better(best, TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), fraction))
+        starts.append(TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), fraction))
     for radius in _LOCAL_STEPS:
-        best = _better(best, _local_search(trial, best, margin_ratios, radius, budget.steps))
+        starts = [_better(start, _local_search(trial, start, margin_ratios, radius, budget.steps)) for start in starts]
         if progress is not None:
             progress()
-    return best
+    return functools.reduce(_better, starts)
 
 
 def _local_search(
