@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad import InputError, load_scenario
+from drake_quad import InputError, load_scenario, simulate
 from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.control.lqg.design import Timing
 from drake_quad.design import lqg as lqg_design
@@ -22,6 +22,7 @@ from drake_quad.design.lqg import (
     design_lqg,
     flight_conditions,
     lateral_plant_model,
+    measurement_noise,
     median_scenario,
     predict_performance,
     snap_limit,
@@ -224,6 +225,28 @@ def test_the_mean_delay_of_the_plants_is_rounded_to_the_nearest_and_to_the_next_
     assert candidate_timings(bad_day, considered_plants(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
     assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
+
+
+@pytest.mark.slow
+def test_the_assumed_noise_of_an_estimate_is_that_of_its_changes_within_a_second():
+    cameras = load_scenario("laboratory:nominal", ["laboratory.motion_capture.position_noise=0.003"])
+    assert measurement_noise(cameras) == (0.003, cameras.laboratory.motion_capture.attitude_noise)
+    scenario = load_scenario("warehouse_uwb")
+    position, attitude = measurement_noise(scenario)
+    flight = simulate(scenario, sample=7)
+    error = (flight["measurement"] - flight["state"])[:1000]
+    change = np.sqrt(0.5 * np.square(error[50:] - error[:-50]).mean(axis=0))
+    assert position == pytest.approx(np.sqrt(np.square(change[:3]).mean()), rel=0.5)
+    assert attitude == pytest.approx(np.sqrt(np.square(change[3:5]).mean()), rel=0.5)
+
+
+@pytest.mark.long
+def test_a_design_satisfies_its_limits_with_a_state_estimator_in_the_loop():
+    scenario, limits = load_scenario("warehouse_uwb"), LqgLimits(sensitivity=1.8)
+    designed = scenario.model_copy(update={"control": design_lqg(scenario, limits).control})
+    margins = [each for each in link_margins(designed).values() if each is not None]
+    assert 1.0 < max(each.sensitivity for each in margins) <= limits.sensitivity
+    assert min(each.delay for each in margins) >= limits.delay
 
 
 @pytest.mark.slow

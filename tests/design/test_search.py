@@ -298,6 +298,17 @@ def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, st
     assert tune([laboratory], [K_P_PARAMETER], fractions, budget=budget, before=(6.789,)).error == 1.0
 
 
+def test_local_searches_also_begin_at_earlier_gains_that_slightly_violate_a_limit(laboratory, stub_flights):
+    """The drawn candidates are near another, worse minimum."""
+    stub_flights(lambda numbers, *_: 0.1 + np.minimum(abs(numbers[K_P_PARAMETER.paths[0]] - 9.0), 0.5))
+
+    def ratios(scenario):
+        return np.array([8.99 / scenario.control.position.k_p[0]])
+
+    result = tune([laboratory], [K_P_PARAMETER], ratios, budget=Budget(1, 4, 1, 1, 40), before=(9.0,))
+    assert 8.9 < result.values[0] <= 8.99
+
+
 def test_candidates_within_the_limit_rank_by_error_and_candidates_beyond_it_by_margin_ratio():
     tuned = [
         tuning.TuningResult((), error, fraction)

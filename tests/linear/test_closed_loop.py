@@ -1,5 +1,7 @@
 """Tests of the closed loop at rest: equilibria, and Floquet multipliers that predict how deviations decay or grow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
@@ -8,7 +10,7 @@ from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear import closed_loop as closed_loop_module
-from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, common_period, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import tick_after
 from drake_quad.linear.step_response import initial_response
@@ -354,3 +356,34 @@ def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeyp
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())
     assert len(calls) == 2 * num_calls
+
+
+@pytest.mark.parametrize(
+    ("name", "period"), [("laboratory:nominal", 0.02), ("outdoor_gnss", 0.08), ("indoor_flow", 0.16)]
+)
+def test_the_period_of_a_loop_is_the_least_common_multiple_of_its_periods(name, period):
+    """In indoor_flow, the range finder has a period of 32 ms, and the slow loops of the cascade one of 10 ms."""
+    assert common_period(load_scenario(name)) == pytest.approx(period, rel=1e-12)
+
+
+@pytest.mark.parametrize("first", ["unstable", "none"])
+def test_an_equilibrium_is_also_sought_from_a_flight_if_no_stable_one_is_found(laboratory, monkeypatch, first):
+    scenario = laboratory()
+    stable = closed_loop(scenario)
+    unstable = stable._replace(system=replace(stable.system, A=1.1 * np.eye(len(stable.system.A))))
+    results, times = [(None if first == "none" else unstable, "x changes"), (stable, "")], []
+
+    def stub(diagram, context, period, **ports):
+        times.append(context.get_time())
+        return results[len(times) - 1]
+
+    monkeypatch.setattr(closed_loop_module, "_by_newtons_method", stub)
+    assert closed_loop(scenario) is stable
+    assert times[1] - times[0] == pytest.approx(20.0)
+    times.clear()
+    results[1] = (None, "")
+    if first == "unstable":
+        assert closed_loop(scenario) is unstable
+    else:
+        with pytest.raises(InputError, match="no equilibrium near hover: x changes"):
+            closed_loop(scenario)

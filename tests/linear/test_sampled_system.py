@@ -14,7 +14,7 @@ from tick_jacobian import jacobian_of_tick
 from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
-from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, tick_after
+from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, linearize_ticks, tick_after
 
 IMPERFECT_OVERRIDES = [
     "route={kind: hover}",
@@ -312,3 +312,37 @@ def test_the_frequency_response_at_a_pole_of_the_system_is_refused():
     assert system.response(np.array([1.0])).item() == pytest.approx(1.0 / 0.5 + 1.0 / 0.75)
     with pytest.raises(np.linalg.LinAlgError, match="one of the points is a pole of the system"):
         system.response(np.array([1.0, 0.25]))
+
+
+def drifting_system(shown):
+    """Return a decaying mode beside a drift that grows in time, which acts on the output if `shown` is not zero."""
+    A = np.array([[0.5, 0.0, 0.0], [0.1, 1.0, 1.0], [0.0, 0.0, 1.0]])
+    B, C = np.array([[1.0], [0.3], [0.2]]), np.array([[1.0, shown, 0.0]])
+    return SampledSystem(A, B, C, np.zeros((1, 1)), 0.1, ("a", "b", "c"), ("u",), ("y",))
+
+
+def test_modes_that_no_output_shows_are_removed():
+    system = drifting_system(0.0)
+    visible = system.without_hidden_modes()
+    np.testing.assert_allclose(visible.poles(), [0.5])
+    points = np.exp(1j * np.linspace(0.1, 3.0, 7))
+    np.testing.assert_allclose(visible.response(points), system.response(points))
+    transposed = replace(system, A=system.A.T, B=system.C.T, C=system.B.T)
+    np.testing.assert_allclose(transposed.without_hidden_modes().response(points), system.response(points))
+
+
+def test_modes_that_an_output_shows_are_kept():
+    for system in (drifting_system(1e-3), replace(drifting_system(0.0), A=np.diag([0.5, 0.9, 0.99]))):
+        assert system.without_hidden_modes() is system
+
+
+def test_linearizing_each_tick_of_a_period_gives_the_map_over_the_period():
+    """A camera with half the rate of the control acts in every second tick."""
+    scenario = load_scenario("laboratory:nominal", [*IMPERFECT_OVERRIDES, "laboratory.motion_capture.period=0.04"])
+    diagram = build_tracking_diagram(scenario)
+    context = at_tick(diagram, 0.08)
+    whole, change = linearize(diagram, context, period=0.04, without=PASSIVE_SYSTEMS)
+    ticks, total = linearize_ticks(diagram, context, period=0.02, num_ticks=2, without=PASSIVE_SYSTEMS)
+    np.testing.assert_allclose(ticks[1].A @ ticks[0].A, whole.A, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(total, change, rtol=0.0, atol=1e-12)
+    assert np.abs(ticks[0].A - ticks[1].A).max() > 0.1
