@@ -157,8 +157,11 @@ def _references(node: Any) -> list[str]:
 def _section(name: str, model: dict[str, Any]) -> str:
     required = model.get("required", [])
     lines = [f"## {name}", "", model.get("description", "").partition("\n\n")[0].replace("\n", " "), ""]
-    lines += ["| field | type | default | meaning |", "| --- | --- | --- | --- |"]
-    for field, node in model.get("properties", {}).items():
+    fields = model.get("properties", {})
+    lines += (
+        ["| field | type | default | meaning |", "| --- | --- | --- | --- |"] if fields else ["It has no fields: `{}`."]
+    )
+    for field, node in fields.items():
         default = "required" if field in required else _default(node.get("default"))
         lines.append(f"| `{field}` | {_takes(node)} | {default} | {node.get('description', '')} |")
     return "\n".join(lines)
