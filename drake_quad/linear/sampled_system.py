@@ -68,6 +68,11 @@ class SampledSystem:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Return the sizes and the period, since the matrices of a loop can have 200 rows."""
+        outputs, inputs = self.D.shape
+        return f"<SampledSystem with {len(self.A)} states, {inputs} inputs, {outputs} outputs and period {self.period:g} s>"
+
     def to_control(self) -> "control.StateSpace":
         """Return the system as python-control's StateSpace; in names, "_" replaces "."."""
         import control

@@ -321,6 +321,10 @@ def drifting_system(shown):
     return SampledSystem(A, B, C, np.zeros((1, 1)), 0.1, ("a", "b", "c"), ("u",), ("y",))
 
 
+def test_a_system_is_printed_by_its_sizes():
+    assert repr(drifting_system(0.0)) == "<SampledSystem with 3 states, 1 inputs, 1 outputs and period 0.1 s>"
+
+
 def test_modes_that_no_output_shows_are_removed():
     system = drifting_system(0.0)
     visible = system.without_hidden_modes()
