@@ -70,8 +70,8 @@ class SampledSystem:
 
     def __repr__(self) -> str:
         """Return the sizes and the period, since the matrices of a loop can have 200 rows."""
-        outputs, inputs = self.D.shape
-        return f"<SampledSystem with {len(self.A)} states, {inputs} inputs, {outputs} outputs and period {self.period:g} s>"
+        (n, m), p = self.B.shape, len(self.C)
+        return f"<SampledSystem with {n} states, {m} inputs, {p} outputs and period {self.period:g} s>"
 
     def to_control(self) -> "control.StateSpace":
         """Return the system as python-control's StateSpace; in names, "_" replaces "."."""
