@@ -44,7 +44,7 @@ def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -
     """
     with single_threaded_blas():
         grid = frequencies(closed.period, points=points)
-        loop = _LiftedSensitivity(closed, np.sort([*grid, *near_modes(closed, grid), math.pi / closed.period]))
+        loop = _LiftedSensitivity(closed, np.sort([*grid, *near_modes(closed, grid)]))
         if np.abs(loop.T).max() < _MIN_FEEDBACK:
             return None
         factors = np.geomspace(1.0, _LARGEST_FACTOR, _NUM_STEPS)
@@ -126,11 +126,14 @@ class _LiftedSensitivity:
         return np.linalg.det(np.eye(self.S.shape[1]) - change[:, :, np.newaxis] * self._T_by_frequency)
 
     def fundamental(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return all positive frequencies (N points,), rad/s, and the sensitivity at the frequency of the offset."""
+        """Return all positive frequencies (N points,), rad/s, and the sensitivity at the frequency of the offset.
+
+        The sensitivity is that at a positive or negative frequency, which are complex conjugates.
+        """
         order = np.argsort(np.abs(self._frequencies), axis=None)
         frequency = self._frequencies.ravel()[order]
         value = 1.0 - np.diagonal(self._T_by_frequency, axis1=1, axis2=2).ravel()[order]
-        return np.abs(frequency), np.where(frequency < 0.0, value.conj(), value)
+        return np.abs(frequency), value
 
 
 class _Limit:

@@ -1,13 +1,16 @@
 """Tests of the margins of periodic loops, by comparison with time-invariant loops, poles and responses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from drake_quad import load_scenario
 from drake_quad.linear.closed_loop import closed_loop, loop_with_injection
 from drake_quad.linear.link_margins import fast_link_margins, joint_disk_margin, link_margins
+from drake_quad.linear.margins import margins as margins_of
 from drake_quad.linear.periodic_margins import periodic_margins
 from drake_quad.linear.sampled_system import SampledSystem, lifted
 from drake_quad.scenario.batch import median_scenario
@@ -54,6 +57,29 @@ def test_a_time_invariant_loop_has_the_same_margins_as_a_periodic_loop(name, sig
     expected = link_margins(scenario)[signal]
     np.testing.assert_allclose(found[:-1], expected[:-1], rtol=1e-5)
     assert found.bandwidth == pytest.approx(expected.bandwidth, rel=1e-3)
+
+
+def sampled_loop(numerator, denominator):
+    """Return L and its closed loop from an offset to the signal, for a strictly proper transfer function of z."""
+    A, B, C, D = scipy.signal.tf2ss(numerator, denominator)
+    opened = SampledSystem(A, B, C, D, 0.1, ("x",) * len(A), ("injection.0",), ("injected.0",))
+    return opened, replace(opened, A=A - B @ C, C=-C, D=np.ones((1, 1)))
+
+
+@pytest.mark.parametrize("num_ticks", [1, 2, 4, 5])
+@pytest.mark.parametrize(
+    "loop", [([0.9], [1.0, -0.5]), ([0.5, 0.2], [1.0, -1.0, 0.0]), ([1.2, -0.9], [1.0, -1.6, 0.6])]
+)
+def test_a_loop_that_is_faster_than_its_common_period_has_the_margins_of_its_transfer_function(loop, num_ticks):
+    opened, closed = sampled_loop(*loop)
+    np.testing.assert_allclose(periodic_margins(lifted([closed] * num_ticks))[:-1], margins_of(opened)[:-1], rtol=2e-5)
+
+
+def test_a_loop_of_small_gain_tolerates_any_phase_and_delay():
+    margins = periodic_margins(lifted([sampled_loop([0.2], [1.0, 0.0])[1]] * 2))
+    assert margins.gain == pytest.approx(20.0 * math.log10(5.0), rel=1e-5)
+    assert (margins.phase, margins.delay, margins.gain_reduction) == (math.inf, math.inf, math.inf)
+    assert margins.crossover == 0.0
 
 
 def test_lifting_keeps_the_response_of_a_periodic_system():
