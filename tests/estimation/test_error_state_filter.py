@@ -25,7 +25,7 @@ from drake_quad.estimation.corrections import (
 )
 from drake_quad.estimation.covariance import Covariance, InertialNoise, propagated
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.estimation.estimate import NO_INCREMENT, extended, predicted, state_of
+from drake_quad.estimation.estimate import NO_INCREMENT, Estimate, extended, predicted, state_of
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import BodyRates, EstimateDeviation
@@ -542,3 +542,20 @@ def test_parameters_of_another_sensor_are_refused():
 
 def test_the_diagonal_covariance_has_the_given_deviations():
     np.testing.assert_allclose(Covariance.diagonal(INITIAL).deviations(), INITIAL)
+
+
+def test_the_state_at_the_centre_of_mass_follows_from_that_at_the_inertial_sensors():
+    rotation, rates, lever = (
+        Rotation.from_rotvec([0.3, -0.2, 0.5]),
+        np.array([0.5, -1.2, 2.0]),
+        Vector(0.05, 0.02, -0.1),
+    )
+    bias = Vector(0.01, -0.02, 0.03)
+    x, y, z, w = rotation.as_quat()
+    at_sensors = Estimate(
+        Vector(1.0, 2.0, 3.0), Vector(0.1, 0.2, 0.3), Quaternion(w, x, y, z), bias, Vector(0.0, 0.0, 0.0)
+    )
+    state = state_of(at_sensors, BodyRates(*(rates + bias)), lever)
+    np.testing.assert_allclose(state[:3], np.array([1.0, 2.0, 3.0]) - rotation.apply(lever))
+    np.testing.assert_allclose(state[6:9], np.array([0.1, 0.2, 0.3]) - rotation.apply(np.cross(rates, lever)))
+    np.testing.assert_allclose(state[9:], rates)

@@ -10,7 +10,7 @@ from drake_quad.errors import InputError
 from drake_quad.evaluation.claims import all_claims, best_controllers, comparisons_by_laboratory, judge_price_of_margin
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.report import report_markdown, write_summary
-from drake_quad.evaluation.results import read_evaluation, write_evaluation
+from drake_quad.evaluation.results import laboratory_with_laps, read_evaluation, write_evaluation
 from drake_quad.files import read_table
 from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import proportion_interval
@@ -56,6 +56,14 @@ def test_learning_in_laps_must_improve_on_the_first_lap_and_on_flights_without_a
     (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("over several laps"))
     assert claim.verdict == "holds"
     assert claim.evidence.startswith("in lap 3 its RMSE is smaller by 75.")
+
+
+@pytest.mark.parametrize(("num_laps", "num_claims"), [(1, 0), (2, 1)])
+def test_learning_in_laps_is_judged_from_two_laps_on(num_laps, num_claims):
+    found = evaluation()
+    for count in range(num_laps + 1, 4):
+        found.flights.pop(laboratory_with_laps(count))
+    assert sum(each.statement.startswith("over several laps") for each in all_claims(found)) == num_claims
 
 
 def test_the_claim_that_margin_costs_accuracy_holds_if_every_smaller_margin_reduces_the_error():

@@ -46,6 +46,8 @@ def test_a_figure_is_drawn_only_if_the_evaluation_contains_its_flights():
         (legend,) = drawn[name].legends
         assert [text.get_text() for text in legend.texts] == drawn[name].axes[0].get_legend_handles_labels()[1]
         assert len(legend.texts) == 2
+    for figure in drawn.values():
+        assert 3.0 < figure.get_figwidth() < 10.0  # inches, one or two columns of a page
     few = Evaluation({"outdoor": {"pd": found.flights["outdoor"]["pd"]}}, {"outdoor": found.traits["outdoor"]})
     assert [name for name, _ in evaluation_figures(few)] == ["errors"]
 
