@@ -53,3 +53,12 @@ def test_infinite_values_have_ranks_and_a_constant_has_no_rank_correlation():
     assert rank_correlation(x, some) == rank_correlation(x, np.minimum(some, 5.0))
     assert math.isnan(rank_correlation(x, np.full(6, math.inf)).value)
     assert math.isnan(partial_rank_correlation(x, np.full(6, math.inf), np.array([x[::-1] ** 2])).value)
+
+
+@pytest.mark.parametrize("num_samples", [12, 400])
+def test_a_variable_that_the_others_determine_has_no_partial_correlation(num_samples):
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(2, num_samples))
+    assert math.isnan(partial_rank_correlation(x, y, np.array([np.exp(x)])).value)
+    assert math.isnan(partial_rank_correlation(y, x, np.array([np.exp(x)])).value)
+    assert math.isfinite(partial_rank_correlation(x, y, np.array([rng.normal(size=num_samples)])).value)

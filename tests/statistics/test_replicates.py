@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.statistics.estimates import mean_interval, proportion_interval, quantile_interval, running_mean
+from drake_quad.statistics.estimates import (
+    bounded_mean_interval,
+    mean_interval,
+    proportion_interval,
+    quantile_interval,
+    running_mean,
+)
 from drake_quad.statistics.ratios import ratio_of_means
-from drake_quad.statistics.replicates import INDEPENDENT, Replicates
+from drake_quad.statistics.replicates import INDEPENDENT, MIN_REPLICATES, Replicates
 
 
 def test_the_mean_has_student_s_interval_over_the_means_of_the_replicates():
@@ -85,3 +91,12 @@ def test_the_running_mean_ends_with_the_mean_over_all_replicates():
     count, *means = replicates.running_mean(values)
     assert (count[0], count[-1]) == (1, 200)
     assert [each[-1] for each in means] == pytest.approx(replicates.mean(values))
+
+
+def test_the_fraction_of_independent_samples_has_the_bounded_interval():
+    values = np.random.default_rng(0).beta(0.5, 3.0, size=30)
+    assert INDEPENDENT.fraction(values, 0.9) == bounded_mean_interval(values, 0.9)
+
+
+def test_the_smallest_number_of_replicates_has_a_factor_close_to_that_of_the_normal_distribution():
+    assert scipy.stats.t.ppf(0.975, MIN_REPLICATES - 1) == pytest.approx(2.13, abs=0.005)
