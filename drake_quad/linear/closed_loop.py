@@ -37,6 +37,8 @@ _HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 _EQUILIBRIUM_TOLERANCE = 1e-9
 _ROTOR_SPEED = "vehicle.rotor_speed."  # part of the names of the rotor states
 _MAX_NEWTON_STEPS = 20  # largest number of steps in the search for an equilibrium
+# Near an equilibrium, Newton's method converges in a few steps.
+_MAX_NEAR_STEPS = 3
 _FLIGHT_DURATION = 20.0  # s, flight to an equilibrium if Newton's method finds none that is stable
 _MIN_GROWTH = 1e-6  # a pole counts as unstable if its magnitude exceeds 1 by more than this rounding error
 
@@ -146,33 +148,40 @@ def _in_equilibrium(name: str, diagram: Diagram, context: Context, period: float
     """Move a context to the nearest equilibrium, and return the loop linearised over one period (s) at this point."""
     settle(diagram, context, period)
     start = context.Clone()
-    loop, failure = _by_newtons_method(diagram, context, period, **ports)
-    if loop is None or np.abs(loop.system.poles()).max() > 1.0 + _MIN_GROWTH:
+    loop, num_steps, failure = _by_newtons_method(diagram, context, period, **ports)
+    if num_steps > _MAX_NEAR_STEPS and (loop is None or not _is_stable(loop)):
         # Far from an equilibrium, Newton's method can find another one than a flight.
         at_tick(diagram, start.get_time() + period * math.ceil(_FLIGHT_DURATION / period), start)
-        other, _ = _by_newtons_method(diagram, start, period, **ports)
-        if other is not None and np.abs(other.system.poles()).max() <= 1.0 + _MIN_GROWTH:
+        other, *_ = _by_newtons_method(diagram, start, period, **ports)
+        if other is not None and _is_stable(other):
             return other
     if loop is None:
         raise InputError(f"the loop of {name} has no equilibrium near hover: {failure}")
     return loop
 
 
+def _is_stable(loop: ClosedLoop) -> bool:
+    return bool(np.abs(loop.system.poles()).max() <= 1.0 + _MIN_GROWTH)
+
+
 def _by_newtons_method(
     diagram: Diagram, context: Context, period: float, **ports: Sequence[str]
-) -> tuple[ClosedLoop | None, str]:
-    """Return the loop in the equilibrium that Newton's method finds, or None with the change that remains."""
+) -> tuple[ClosedLoop | None, int, str]:
+    """Return the loop in the equilibrium that Newton's method finds, the number of steps, and the remaining change.
+
+    The loop is None if the method does not converge.
+    """
     layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
-    for _ in range(_MAX_NEWTON_STEPS):
+    for num_steps in range(_MAX_NEWTON_STEPS):
         system, change = linearize(diagram, context, period=period, without=PASSIVE_SYSTEMS, **ports)
         worst = int(np.argmax(np.abs(change)))
         if np.abs(change[worst]) < _EQUILIBRIUM_TOLERANCE:
-            return ClosedLoop(diagram, context, system), ""
+            return ClosedLoop(diagram, context, system), num_steps, ""
         if not (np.isfinite(change).all() and np.isfinite(system.A).all()):
             break
         step = np.linalg.lstsq(np.eye(len(change)) - system.A, change, rcond=None)[0]
         layout.write(diagram, context, layout.read(diagram, context) + step)
-    return None, f"{layout.names[worst]} still changes by {change[worst]:.3g} per period"
+    return None, _MAX_NEWTON_STEPS, f"{layout.names[worst]} still changes by {change[worst]:.3g} per period"
 
 
 class LaboratoryPlant(NamedTuple):
