@@ -227,7 +227,7 @@ def test_the_mean_delay_of_the_plants_is_rounded_to_the_nearest_and_to_the_next_
     assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_assumed_noise_of_an_estimate_is_that_of_its_changes_within_a_second():
     cameras = load_scenario("laboratory:nominal", ["laboratory.motion_capture.position_noise=0.003"])
     assert measurement_noise(cameras) == (0.003, cameras.laboratory.motion_capture.attitude_noise)

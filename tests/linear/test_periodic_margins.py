@@ -148,7 +148,7 @@ def test_margins_of_all_signals_of_a_periodic_loop_agree(slow_camera):
     assert joint_disk_margin(slow_camera).disk == pytest.approx(min(each.disk for each in expected), rel=5e-3)
 
 
-@pytest.mark.parametrize("name", ["warehouse_uwb", "outdoor_gnss"])
+@pytest.mark.parametrize("name", ["warehouse_uwb", pytest.param("outdoor_gnss", marks=pytest.mark.long)])
 def test_what_no_sensor_measures_does_not_make_the_loops_of_an_estimator_unstable(name):
     """The yaw and the bias of its gyroscope are unobservable without a magnetometer, and the loop has a pole at 1."""
     margins = link_margins(median_scenario(load_scenario(name)))
