@@ -386,7 +386,7 @@ def measurement_noise(scenario: Scenario) -> tuple[float, float]:
     as much as the errors do after `_ESTIMATE_INTERVAL`, in flights in hover with the control of the scenario.
     """
     laboratory = scenario.laboratory
-    if not laboratory.estimator.names_of_sensors(laboratory):
+    if not laboratory.estimator.integrates_sensors:
         return _size(laboratory.motion_capture.position_noise), _size(laboratory.motion_capture.attitude_noise)
     hovering = in_hover(median_scenario(scenario)).model_copy(update={"duration": _ESTIMATE_DURATION})
     flights = simulate_samples(hovering, range(_NUM_ESTIMATES))

@@ -135,8 +135,8 @@ class UncertainHover:
         generator: source of all random choices.
 
     Raises:
-        InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
-            at 1 at the centre of the ranges.
+        InputError: if no distribution acts on hover, the scenario has a state estimator, the loop has no linear model,
+            or it has no equilibrium or a pole at 1 at the centre of the ranges.
     """
 
     def __init__(self, scenario: Scenario, user_systems: UserSystems, progress: Callable[[int, str], None]) -> None:
@@ -149,7 +149,7 @@ class UncertainHover:
                 f"no distribution with a range in {scenario.name} acts on hover in still air, so there is nothing to"
                 " certify; give one, such as vehicle.mass"
             )
-        if scenario.laboratory.estimator.names_of_sensors(scenario.laboratory):
+        if scenario.laboratory.estimator.integrates_sensors:
             raise InputError(
                 f"{scenario.name} has a state estimator, with which hover cannot be certified, since estimators reject"
                 " large deviations; set laboratory.estimator to {kind: motion_capture}"

@@ -82,7 +82,7 @@ def in_hover(scenario: Scenario) -> Scenario:
 def with_exact_measurement(scenario: Scenario) -> Scenario:
     """Return the scenario with the exact state in place of the estimate; the same scenario if it has no estimator."""
     laboratory = scenario.laboratory
-    if not laboratory.estimator.names_of_sensors(laboratory):
+    if not laboratory.estimator.integrates_sensors:
         return scenario
     settings = {
         "laboratory.estimator": MotionCaptureEstimator(kind="motion_capture"),

@@ -1,6 +1,6 @@
 """Plots of the errors of a state estimate in a logged and in a simulated flight."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,12 +8,14 @@ from matplotlib.figure import Figure
 
 from drake_quad.flight.flight import Flight
 from drake_quad.framework.elementary import wrap_angle
-from drake_quad.identification.logged_estimate import EstimateErrors, LoggedEstimate
 from drake_quad.signals import EstimateDeviation
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
 
-_NUM_SIGMAS = 2.0
+if TYPE_CHECKING:  # identification would delay the plots of a flight
+    from drake_quad.identification.logged_estimate import EstimateErrors, LoggedEstimate
+
+_NUM_SIGMAS = 2.0  # standard deviations in the shaded bands
 _LARGEST_INNOVATION = 6.0  # largest normalised innovation on the axis
 
 
@@ -34,7 +36,7 @@ _PANELS = (
 )
 
 
-def plot_estimate(estimate: LoggedEstimate, on_board: EstimateErrors | None = None) -> Figure:
+def plot_estimate(estimate: "LoggedEstimate", on_board: "EstimateErrors | None" = None) -> Figure:
     """Plot the errors of position, velocity, tilt and yaw over time, with the deviations that the filter estimates.
 
     Args:

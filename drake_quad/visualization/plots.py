@@ -221,8 +221,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     plots = dict(PLOTS)
     if flight.scenario.laboratory.wind or flight["wind"].any():
         plots["wind"] = plot_wind
-    laboratory = flight.scenario.laboratory
-    if laboratory.estimator.names_of_sensors(laboratory):
+    if flight.scenario.laboratory.estimator.integrates_sensors:
         plots["estimate"] = plot_flown_estimate
     network = flight.scenario.control.network
     if network is not None and "weights" in flight.signals:

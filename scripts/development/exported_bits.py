@@ -34,7 +34,8 @@ LABORATORIES = {
 }
 # Scenarios that already contain a controller.
 SCENARIOS = [
-    *("robustness", "onboard", "crazyswarm2:log08", "nanobench", "slalom"),
+    *("robustness", "onboard", "crazyswarm2:log08", "nanobench", "slalom", "forest", "upset"),
+    *("indoor_flow", "outdoor_gnss", "warehouse_uwb"),
     *(f"bad_day:{name}" for name in ("crazyflie", "crazyflie_onboard", "hummingbird", "neural_fly", "racer")),
 ]
 LEVELS = ("-O0", "-O1", "-O2", "-O3")
@@ -94,8 +95,8 @@ def row(laboratory: str, controller: str, folder: Path) -> str:
     )
     return (
         f"{unequal[0]} unequal values (compiled) and {unequal[1]} (wired) in {len(flown)} signals, {changed} of"
-        f" {len(Recorded.steps)} steps changed by"
-        f" {', '.join(compilers)}; single precision: RMSE {100.0 * ratio:+.4f} %, command {difference.max():.1e}"
+        f" {len(Recorded.steps)} steps changed by {', '.join(compilers)};"
+        f" single precision: RMSE {100.0 * ratio:+.4f} %, command {difference.max():.1e}"
     )
 
 

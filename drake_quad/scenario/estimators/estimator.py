@@ -5,7 +5,7 @@ To add an estimator, extend `Estimator` and register the class with `ESTIMATORS.
 """
 
 from abc import abstractmethod
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.distributions import Model
@@ -32,6 +32,9 @@ class Estimator(Model):
             fleet: scenario of the fleet, from a `Batch`.
             start: true state of the vehicles at time 0.
         """
+
+    integrates_sensors: ClassVar = False
+    """True if the measurement is an estimate from sensors on board, False if motion capture measures the state."""
 
     def names_of_sensors(self, laboratory: Any) -> list[str]:
         """Return the names of the sensors in a laboratory that the estimator reads."""

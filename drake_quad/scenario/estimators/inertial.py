@@ -37,6 +37,7 @@ class InertialEstimator(Estimator):
         default_aiding: use of a sensor without settings of its own.
     """
 
+    integrates_sensors: ClassVar = True
     default_aiding: ClassVar[Model]
     if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
         aiding: dict[str, Any] | None
