@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -71,3 +72,21 @@ def test_the_type_stub_of_the_package_lists_the_public_names_with_their_modules(
 def test_an_unknown_name_of_the_package_raises_an_attribute_error():
     with pytest.raises(AttributeError, match="drake_quad attribute simulat"):
         drake_quad.simulat  # noqa: B018
+
+
+def test_public_functions_accept_paths_as_text():
+    """A user writes `save_scenario(scenario, "mine.yaml")`."""
+    for name in drake_quad.__all__:
+        function = getattr(drake_quad, name)
+        for parameter in inspect.signature(function).parameters.values() if inspect.isfunction(function) else ():
+            if "Path" in str(parameter.annotation):
+                assert "str" in str(parameter.annotation), f"{name}({parameter})"
+
+
+def test_scenarios_and_exported_code_are_written_to_paths_given_as_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scenario = drake_quad.load_scenario("hover")
+    drake_quad.save_scenario(scenario, "mine.yaml")
+    assert drake_quad.load_scenario("mine.yaml").route == scenario.route
+    drake_quad.export_controller(scenario, "code")
+    assert (tmp_path / "code" / "controller.c").is_file()

@@ -49,7 +49,7 @@ class Export(NamedTuple):
 
 def export_controller(
     scenario: Scenario,
-    output: Path,
+    output: Path | str,
     *,
     name: str = "controller",
     precision: str = "double",
@@ -114,7 +114,7 @@ def export_controller(
     if project is not None:
         exported = ExportedCode(description, header, source, code.structs, nominal_parameters(scenario), reference)
         project_texts = project_files(project, exported)
-    folder = output_folder(output)
+    folder = output_folder(Path(output))
     for suffix in (".h", ".c"):
         _check_replaceable(folder / f"{name}{suffix}")
     files = [

@@ -73,7 +73,7 @@ class _Entry(NamedTuple):
 
 
 def write_vehicle(
-    path: Path,
+    path: Path | str,
     name: str,
     estimates: Estimates,
     *,
@@ -103,6 +103,7 @@ def write_vehicle(
         InputError: if a name or a path is wrong, the base scenario cannot be loaded, an estimate requires further
             estimates that are missing, or the vehicle cannot fly.
     """
+    path = Path(path)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{short_repr(str(path))} must end in .yaml or .yml")
     if not re.fullmatch(NAME, name):

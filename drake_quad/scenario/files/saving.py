@@ -15,7 +15,7 @@ _HEADER = "# This scenario needs the command-line options {}\n"
 _MAX_HEADER_LENGTH = 1000  # characters
 
 
-def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
+def save_scenario(scenario: Scenario, target: Path | str | TextIO) -> None:
     """Write a scenario with the values of all its fields as YAML to a path or a stream.
 
     If the scenario uses kinds from the user's Python files, a comment in the first line lists the command-line options
@@ -25,8 +25,8 @@ def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
     if options := registration_options(scenario):
         text.write(_HEADER.format(options))
     YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, text)
-    if isinstance(target, Path):
-        target.write_text(text.getvalue(), encoding="utf-8")
+    if isinstance(target, Path | str):
+        Path(target).write_text(text.getvalue(), encoding="utf-8")
     else:
         target.write(text.getvalue())
 
