@@ -43,7 +43,7 @@ test: $(VENV)/.installed-test
 
 fuzz: $(VENV)/.installed-test
 	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py tests/compilation/test_compiled_scenarios.py
-	FUZZ_CASES=500 $(VENV)/bin/python -m pytest tests/identification/test_logs_fuzz.py
+	FUZZ_CASES=500 $(VENV)/bin/python -m pytest tests/logs/test_logs_fuzz.py
 
 rooms: $(VENV)/.installed-test
 	ROOMS=100 $(VENV)/bin/python -m pytest --numprocesses auto tests/space/test_rooms.py

@@ -17,7 +17,6 @@ from .flight.mission import plan_route as plan_route
 from .flight.simulation import simulate as simulate
 from .flight.simulation import simulate_samples as simulate_samples
 from .identification.identify import identify as identify
-from .identification.logs.reading import read_log as read_log
 from .identification.position_law.law import identify_position_law as identify_position_law
 from .identification.results.vehicle_file import write_vehicle as write_vehicle
 from .identification.validation.comparison import compare_with_log as compare_with_log
@@ -25,6 +24,7 @@ from .identification.validation.prediction import predict as predict
 from .linear.closed_loop import closed_loop as closed_loop
 from .linear.closed_loop import laboratory_plant as laboratory_plant
 from .linear.link_margins import link_margins as link_margins
+from .logs.reading import read_log as read_log
 from .scenario.batch import draw_sample as draw_sample
 from .scenario.files.loading import load_mission as load_mission
 from .scenario.files.loading import load_scenario as load_scenario

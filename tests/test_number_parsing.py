@@ -12,7 +12,7 @@ import pytest
 from drake_quad.command_line.main import COMMANDS, command_module
 from drake_quad.errors import InputError
 from drake_quad.files import read_table
-from drake_quad.identification.logs.reading import read_log
+from drake_quad.logs.reading import read_log
 from drake_quad.number_parsing import parse_float, parse_int
 from drake_quad.scenario.files.loading import load_mission
 from drake_quad.scenario.files.mesh_file import mesh_points

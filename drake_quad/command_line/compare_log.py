@@ -22,8 +22,6 @@ from drake_quad.command_line.output import print_columns, print_files, print_pre
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_file import nominal_estimates
 from drake_quad.identification.validation.comparison import (
     AXES,
@@ -33,6 +31,8 @@ from drake_quad.identification.validation.comparison import (
     flights_to_compare,
 )
 from drake_quad.identification.validation.prediction import predict
+from drake_quad.logs.reading import read_log
+from drake_quad.logs.record import FlightRecord
 from drake_quad.reports.results import write_rows
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import Override, has_control, load_undesigned

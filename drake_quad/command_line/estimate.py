@@ -22,7 +22,7 @@ from drake_quad.identification.logged_estimate import (
     errors_on_board,
     estimate_logged_flight,
 )
-from drake_quad.identification.logs.reading import read_log
+from drake_quad.logs.reading import read_log
 
 _OPTION_RANGES = {"skip": (0, 1000), "position_noise": (1e-6, 10.0), "attitude_noise": (1e-6, 1.0)}
 # Names of the errors in the table, with their factors and units.

@@ -21,12 +21,12 @@ from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
 from drake_quad.identification.hover import delay_by_correlation, hover_means, white_noise
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.result import Identification
 from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.identification.validation.prediction import Predictions, concatenate_predictions, predict
 from drake_quad.identification.windows import airborne_mask
+from drake_quad.logs.reading import read_log
+from drake_quad.logs.record import FlightRecord
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME

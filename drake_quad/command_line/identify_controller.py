@@ -16,9 +16,9 @@ from drake_quad.command_line.options import bare_parser, parse_overrides
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import write_atomically
-from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import PositionLaw, identify_position_law
+from drake_quad.logs.reading import read_log
 from drake_quad.scenario.files.loading import Override
 from drake_quad.statistics.interval import plus_minus
 

@@ -8,11 +8,11 @@ and the body rates are constant. The prediction ȳ of a specific force is its me
 
 import numpy as np
 
-from drake_quad.identification.logs.record import QUANTITIES
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prediction_errors import FORCE, PredictionNoise, Predictor
 from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.windows import wrapped_angles
+from drake_quad.logs.record import QUANTITIES
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 # For each signal, the row of the model state that contains the rate of change of the signal's first component.

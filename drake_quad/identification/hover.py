@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.windows import airborne_mask, segment_numbers
+from drake_quad.logs.record import QUANTITIES, FlightRecord
 
 _DIFFERENCE_ORDER = 3  # order of the differences from which white noise is estimated
 _VARIANCE_FACTOR = 20.0  # variance of third differences if errors are independent and have unit variance

@@ -33,7 +33,6 @@ from drake_quad.identification.identifiability import (
     undetermined_parameters,
     unexcited_parameters,
 )
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
 from drake_quad.identification.parameters import Parameter, parameter_names, parameters_of
 from drake_quad.identification.prediction_errors import Output, Predictor
@@ -51,6 +50,7 @@ from drake_quad.identification.sampling import (
     with_averaging_error,
 )
 from drake_quad.identification.windows import held_out_mask, steep_pitch_remarks
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 
 _POSE = ("position", "attitude")

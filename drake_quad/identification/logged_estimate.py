@@ -17,8 +17,8 @@ from drake_quad.errors import InputError
 from drake_quad.estimation.corrections import AttitudeAiding, PoseAiding, PositionAiding
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 from drake_quad.signals import EstimateDeviation
 
 CRAZYFLIE_NOISE = InertialNoise(0.01, 0.05, 1e-4, 1e-3)

@@ -30,12 +30,12 @@ from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
 from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.firmware import allocated_commands
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.identification.windows import LogWindow, WindowSizes
 from drake_quad.laboratory.motion_capture import attitude_of_markers
 from drake_quad.laboratory.sensors.accelerometer import SpecificForce
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.autopilots.response import AttitudeResponseSettings
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import map_leaves

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     NUM_BODY,
     NUM_DISTURBANCE,
@@ -30,6 +29,7 @@ from drake_quad.identification.model import (
     WindowInputs,
 )
 from drake_quad.identification.windows import LogWindow, WindowSizes, wrapped_angles
+from drake_quad.logs.record import FlightRecord
 
 FORCE = "specific_force"
 # State components of roll, pitch and yaw.

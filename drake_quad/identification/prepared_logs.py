@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, join_names
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
     DisturbanceFrame,
@@ -27,6 +25,8 @@ from drake_quad.identification.windows import (
     downsample,
     split_into_windows,
 )
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.motors import thrust_from_throttle
 

@@ -14,11 +14,11 @@ import scipy
 
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.fit import NEGLIGIBLE_DISTURBANCE
-from drake_quad.identification.logs.consistency import clock_shifts
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.windows import airborne_mask, downsample
+from drake_quad.logs.consistency import clock_shifts
+from drake_quad.logs.record import FlightRecord
 
 _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
 # Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction

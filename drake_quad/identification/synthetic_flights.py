@@ -24,10 +24,10 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.identification.delays import frame_age, total_delay
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, STATE_ROWS
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_values import vehicle_value
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget

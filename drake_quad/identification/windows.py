@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, short_repr
-from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
-from drake_quad.identification.logs.timing import gaps
+from drake_quad.logs.record import QUANTITIES, FlightRecord
+from drake_quad.logs.timing import gaps
 
 # A sample with a larger specific force along any axis, in m/s², counts as a collision.
 _COLLISION_FORCE = 2.0 * 9.81

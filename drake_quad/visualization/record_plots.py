@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
-from drake_quad.identification.logs.timing import gaps
+from drake_quad.logs.record import QUANTITIES, FlightRecord
+from drake_quad.logs.timing import gaps
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 

@@ -22,12 +22,12 @@ from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.result import EstimatedValue, Identification
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_values import vehicle_value, with_vehicle_values
 from drake_quad.identification.validation.estimator import VelocityEstimate, linear_drag, velocity_estimate
 from drake_quad.linear.closed_loop import closed_loop
+from drake_quad.logs.reading import read_log
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario

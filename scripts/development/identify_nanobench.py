@@ -21,11 +21,11 @@ from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.errors import InputError, short_repr
 from drake_quad.files import write_atomically
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation.free_flight import free_flight
 from drake_quad.identification.windows import downsample
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.reading import read_log
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.motors import ThrottleMotors
 

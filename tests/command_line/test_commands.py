@@ -19,7 +19,7 @@ from drake_quad.command_line import tune
 from drake_quad.command_line.identify import with_winds
 from drake_quad.design.tuning import Budget
 from drake_quad.identification import synthetic_flights
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.record import FlightRecord
 
 ROOT = Path(__file__).parent.parent.parent
 

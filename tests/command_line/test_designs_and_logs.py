@@ -25,7 +25,7 @@ from drake_quad.design.gains import SLOWER_POLE
 from drake_quad.design.lqg import LqgLimits
 from drake_quad.errors import InputWarning
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.record import FlightRecord
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.shapes import Ball
 from drake_quad.space.space import Obstacle, Space

@@ -14,7 +14,7 @@ from drake_quad.command_line import identify, judge, replicate, study
 from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, command_module
 from drake_quad.command_line.options import parse_overrides, scenario_from_arguments
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.record import FlightRecord
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 

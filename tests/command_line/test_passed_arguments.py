@@ -35,8 +35,8 @@ from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED_DESIGNS
 from drake_quad.flight.formats.flight_format import FORMATS
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.logs.record import FlightRecord
 from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
 from drake_quad.replication.experiment import ExperimentSizes
 from drake_quad.replication.published import Cell

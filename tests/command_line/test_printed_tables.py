@@ -32,7 +32,6 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.logs.record import FlightRecord, SignalOrigin
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import EstimatedValue, ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source
@@ -41,6 +40,7 @@ from drake_quad.identification.validation.prediction import Predictions
 from drake_quad.identification.validation.reference import LoggedReference
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.margins import Margins
+from drake_quad.logs.record import FlightRecord, SignalOrigin
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.planning.nominal import planned_parameters
 from drake_quad.reference.active_constraints import ActiveConstraint

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.flight.formats.px4_table import px4_columns, save_px4_table
-from drake_quad.identification.logs.reading import read_log
+from drake_quad.logs.reading import read_log
 
 
 @pytest.fixture(scope="module")

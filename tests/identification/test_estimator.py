@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation import estimator
 from drake_quad.identification.validation.estimator import linear_drag, velocity_estimate
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 
 PERIOD = 0.004  # s, sampling period

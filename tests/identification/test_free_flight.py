@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation.comparison import compare_with_log
 from drake_quad.identification.validation.free_flight import FreeFlight, free_flight
+from drake_quad.logs.record import FlightRecord
 
 TIME = 0.01 * np.arange(1000)
 # Heights (m) of vehicle and reference, and a throttle. The vehicle is in the air from 2 to 8 s, and the ground is at

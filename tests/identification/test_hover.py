@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad.identification import hover
 from drake_quad.identification.hover import delay_by_correlation, hover_means, white_noise
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.record import FlightRecord
 
 RNG = np.random.default_rng(8)
 TIME = np.arange(3000) * 0.01

@@ -12,14 +12,14 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate, simulate_samples
 from drake_quad.identification.delays import total_delay
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, LogModel
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.result import Identification
 from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, record_of
 from drake_quad.identification.windows import WindowSizes, split_into_windows
+from drake_quad.logs.reading import read_log
+from drake_quad.logs.record import FlightRecord
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario

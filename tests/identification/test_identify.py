@@ -10,10 +10,10 @@ from drake_quad.identification import identifiability, prepared_logs
 from drake_quad.identification import identify as module
 from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter, parameters_of
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise
 from drake_quad.identification.result import ForecastOutput
+from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.02  # s, sampling period
 POSE_SIGNALS = ("position", "attitude")

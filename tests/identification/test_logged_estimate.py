@@ -6,7 +6,7 @@ import pytest
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.identification.logged_estimate import errors_on_board, estimate_logged_flight
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.record import FlightRecord
 
 NOISE = InertialNoise(gyroscope=1e-3, accelerometer=0.01, gyroscope_walk=1e-5, accelerometer_walk=1e-4)
 POSITION_NOISE = 0.003  # m

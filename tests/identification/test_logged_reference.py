@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation import reference
 from drake_quad.identification.validation.free_flight import free_flight
 from drake_quad.identification.validation.reference import logged_reference
+from drake_quad.logs.reading import read_log
+from drake_quad.logs.record import FlightRecord
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 

@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
     MISALIGNMENT,
@@ -26,6 +25,7 @@ from drake_quad.identification.model import (
 )
 from drake_quad.identification.results.vehicle_values import with_throttles
 from drake_quad.identification.windows import LogWindow, WindowSizes
+from drake_quad.logs.record import FlightRecord
 from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 
 PERIOD = 0.01  # s, sampling period

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.identification.delays import total_delay
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     LogModel,
     level_vehicle,
@@ -16,6 +15,7 @@ from drake_quad.identification.model import (
     with_commands,
 )
 from drake_quad.identification.results.vehicle_values import vehicle_value, with_vehicle_values
+from drake_quad.logs.record import FlightRecord
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.motors import SpeedMotors
 from drake_quad.signals import RotorSpeed

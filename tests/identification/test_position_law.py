@@ -20,8 +20,6 @@ from drake_quad.control.pid_cascade.parameters import (
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.geometry.axes import Vector
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.position_law.commands import FORMS, at_limit, in_heading, law_output, unproduced_output
 from drake_quad.identification.position_law.control import control_layer
@@ -30,6 +28,8 @@ from drake_quad.identification.position_law.pieces import prepared_pieces
 from drake_quad.identification.position_law.regression import Shape, _integration_rule_bias, excited_terms, search_fit
 from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.synthetic_flights import random_waypoint_route
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
 K_P, K_V, K_I, DELAY, FILTER = 4.0, 3.0, 0.8, 0.06, 0.1

@@ -8,8 +8,6 @@ import scipy
 
 from drake_quad import load_undesigned
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
     at_limit,
@@ -18,6 +16,8 @@ from drake_quad.identification.position_law.commands import (
     specific_thrust,
 )
 from drake_quad.identification.position_law.pieces import block_numbers, prepared_pieces
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(600)

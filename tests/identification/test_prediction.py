@@ -10,8 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.identification.results.vehicle_values import with_throttles, with_vehicle_values
 from drake_quad.identification.validation import prediction
@@ -23,6 +21,8 @@ from drake_quad.identification.validation.prediction import (
     concatenate_predictions,
     predict,
 )
+from drake_quad.logs.reading import read_log
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 
 PREDICTORS_WITHOUT_MODEL = (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)

@@ -10,12 +10,12 @@ import scipy
 from drake_quad import load_scenario
 from drake_quad.identification import fit as fitting
 from drake_quad.identification import prediction_errors
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
 from drake_quad.identification.windows import LogWindow, WindowSizes
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
 SIZES = WindowSizes(length=20, settle=10, warm_up=5)

@@ -7,10 +7,10 @@ import pytest
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.identification import prepared_logs
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import DELAY
 from drake_quad.identification.prediction_errors import FORCE, Output
 from drake_quad.identification.prepared_logs import PreparedLogs, initial_noise, prepare, window_blocks
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.motors import SpeedMotors
 
 POSE, IMU = ("position", "attitude"), ("body_rates", FORCE)

@@ -8,8 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad.identification import sampling
 from drake_quad.identification.evidence import Uncertainty
-from drake_quad.identification.logs.consistency import clock_shifts
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.sampling import (
@@ -19,6 +17,8 @@ from drake_quad.identification.sampling import (
     synchronise,
     with_averaging_error,
 )
+from drake_quad.logs.consistency import clock_shifts
+from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(4000)

@@ -6,10 +6,10 @@ from tumbling import degrees_apart, flown, random_tumbles
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, LogModel, ModelFlight, WindowInputs
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.windows import LogWindow, WindowSizes
+from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
 DURATION = 1.0  # s, duration of each flight

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation.comparison import (
     AXES,
     ErrorStatistics,
@@ -17,6 +16,7 @@ from drake_quad.identification.validation.comparison import (
     on_route,
 )
 from drake_quad.identification.validation.reference import LoggedReference, logged_reference
+from drake_quad.logs.record import FlightRecord
 
 ROUTE = (
     "route={kind: waypoints, waypoints: [[0, 0, 1], [0.6, 0.2, 1.2], [0, 0.5, 1], [0, 0, 1]], times: [0, 1.5, 3, 4.5],"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import (
     LogWindow,
     WindowSizes,
@@ -18,6 +17,7 @@ from drake_quad.identification.windows import (
     steep_pitch_remarks,
     wrapped_angles,
 )
+from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
 

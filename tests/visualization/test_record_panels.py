@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from drake_quad.identification.logs.record import COLUMNS, FlightRecord
+from drake_quad.logs.record import COLUMNS, FlightRecord
 from drake_quad.visualization.record_plots import plot_record
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.identification.logs.record import COLUMNS, FlightRecord
+from drake_quad.logs.record import COLUMNS, FlightRecord
 from drake_quad.visualization.record_plots import plot_record
 
 TIME = np.concatenate([np.arange(10) * 0.01, 0.5 + np.arange(10) * 0.01])

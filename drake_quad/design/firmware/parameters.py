@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.formats.ulog import MAGIC, ulog_parameters
-from drake_quad.identification.logs.source import read_file
+from drake_quad.logs.formats.ulog import MAGIC, ulog_parameters
+from drake_quad.logs.source import read_file
 from drake_quad.scenario.files.documents import parse_document
 
 Firmware = Literal["crazyflie", "px4"]

@@ -72,7 +72,7 @@ def px4_columns(flight: Flight) -> _Columns:
 
 
 def save_px4_table(flight: Flight, path: Path | str) -> Path:
-    """Write the table as a CSV file and return its path; `drake_quad.identification.logs` reads the file like a ULog.
+    """Write the table as a CSV file and return its path; `drake_quad.logs` reads the file like a ULog.
 
     Raises:
         OSError: if the file cannot be written.

@@ -20,9 +20,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from drake_quad.errors import InputError, short_repr
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import thrust_of_fraction
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 
 # Relations between the output of a position law and the commands of attitude and thrust, see `law_output`.

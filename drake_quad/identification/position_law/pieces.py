@@ -7,7 +7,6 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, short_repr
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
     Form,
@@ -19,6 +18,7 @@ from drake_quad.identification.position_law.commands import (
 )
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS
 from drake_quad.identification.windows import airborne_mask, segment_numbers
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s; a reference counts as moving if its velocity has a larger standard deviation

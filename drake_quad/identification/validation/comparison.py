@@ -11,10 +11,10 @@ from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation.free_flight import free_flight
 from drake_quad.identification.validation.reference import LoggedReference, is_slow, logged_reference
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.logs.record import FlightRecord
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate

@@ -17,9 +17,9 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.attitudes import rotation_matrices
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.result import EstimatedValue
+from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import steady_wind
 

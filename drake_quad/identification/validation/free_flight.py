@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, short_repr
-from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import commanded_effort
+from drake_quad.logs.record import FlightRecord
 
 # Rotors idle if their command is smaller than this fraction of its median over the log.
 _IDLE_RATIO = 0.5

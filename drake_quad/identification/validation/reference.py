@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, short_repr
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.logs.record import FlightRecord
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, power_basis
 from drake_quad.scenario.limits import MIN_DURATION
 from drake_quad.scenario.routes.setpoints import SetpointsRoute

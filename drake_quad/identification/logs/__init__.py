@@ -1,1 +1,0 @@
-"""Readers of flight logs, which convert a log to a `FlightRecord`."""

@@ -1,0 +1,1 @@
+"""Reading of flight logs: formats, mappings to signals, and checks for faults."""
