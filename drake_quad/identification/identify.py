@@ -46,6 +46,7 @@ from drake_quad.identification.sampling import (
     SynchronisedRecords,
     distorted_parameters,
     fast_command_remarks,
+    logs_without_fast_commands,
     synchronise,
     with_averaging_error,
 )
@@ -176,7 +177,7 @@ def _result(
             + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         )
     vehicle_indices = [i for i, name in enumerate(names) if name != DELAY]
-    noise_names, noise_values, noise_covariances, unidentified_noise = _noise_estimates(predictor, fitted)
+    noise_names, noise_values, noise_covariances, unidentified_noise = _noise_estimates(logs, predictor, fitted)
     noise_freedom = np.full(len(noise_names), float(fitted.errors.size))
     estimates = Estimates(
         names=(*(names[i] for i in vehicle_indices), *noise_names),
@@ -223,14 +224,22 @@ def _result(
 
 
 def _noise_estimates(
-    predictor: Predictor, fitted: PredictionFit
+    logs: PreparedLogs, predictor: Predictor, fitted: PredictionFit
 ) -> tuple[list[str], np.ndarray, np.ndarray, dict[str, str]]:
-    """Return names, values and covariance of the pose noise parameters, and reasons for those not identified."""
+    """Return names, values and covariance of the pose noise parameters, and reasons for those not identified.
+
+    Missing commands cause fast rotations, which the fit cannot distinguish from noise of the attitude.
+    """
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
     sufficient = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
     unidentified = {
         _NOISE_NAMES[name]: f"it is below {_MIN_POSE_NOISE:g} m or rad" for name in rows if name not in sufficient
     }
+    affected_logs = logs_without_fast_commands(logs.records, fitted.noise)
+    if affected_logs and sufficient.pop("attitude", None) is not None:
+        unidentified[_NOISE_NAMES["attitude"]] = (
+            f"the log may lack commands between its samples ({', '.join(affected_logs)}), which adds to the noise"
+        )
     if not sufficient:
         return [], np.empty(0), np.empty((0, 0)), unidentified
     large_rows = [*sufficient.values()]

@@ -121,11 +121,17 @@ def distorted_parameters(
     inertia was twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit
     needs no disturbing torque, no commands are missing, even if the commands are fast.
     """
-    affected_logs = [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
-    if not affected_logs or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
-        return {}
+    affected_logs = logs_without_fast_commands(records, noise)
     reason = f"the log may lack commands between its samples ({', '.join(affected_logs)}), which distorts the response"
-    return {parameter.name: reason for parameter in parameters if parameter.name.startswith(_FAST_PARAMETERS)}
+    fast = [parameter.name for parameter in parameters if parameter.name.startswith(_FAST_PARAMETERS)]
+    return dict.fromkeys(fast, reason) if affected_logs else {}
+
+
+def logs_without_fast_commands(records: Sequence[FlightRecord], noise: PredictionNoise) -> list[str]:
+    """Return the names of logs that lack commands between their samples, given the noise of the fit."""
+    if np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
+        return []
+    return [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
 
 
 def fast_command_fraction(record: FlightRecord) -> float:

@@ -343,10 +343,29 @@ def test_remarks_name_effects_that_a_log_cannot_distinguish():
 def test_logs_without_poses_give_no_estimates_of_pose_noise(rotors):
     outputs = [Output("body_rates", column) for column in range(3)]
     noise = PredictionNoise(np.full(3, 0.02), np.ones(6), np.ones(6))
+    logs = SimpleNamespace(records=[log_of(3.0)])
     names, values, covariance, weak = module._noise_estimates(
-        SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise)
+        logs, SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise)
     )
     assert (names, len(values), covariance.shape, weak) == ([], 0, (0, 0), {})
+
+
+def test_missing_commands_and_attitude_noise_are_indistinguishable(monkeypatch):
+    fast_commands = 200.0 + np.random.default_rng(3).normal(size=(400, 4))
+    predictor = SimpleNamespace(outputs=POSE)
+    monkeypatch.setattr(module, "noise_covariance", lambda *_: np.eye(6))
+
+    def estimates(**commands):
+        logs = SimpleNamespace(records=[log_of(4.0, **commands)])
+        fitted = SimpleNamespace(noise=noise_of(POSE))
+        names, values, covariance, unidentified = module._noise_estimates(logs, predictor, fitted)
+        assert len(values) == len(covariance) == len(names)
+        return names, unidentified
+
+    assert estimates() == (NOISE_NAMES, {})
+    names, unidentified = estimates(rotor_speed_command=fast_commands)
+    assert names == NOISE_NAMES[:1]
+    assert "lack commands between its samples (log)" in unidentified[NOISE_NAMES[1]]
 
 
 def test_undetermined_parameters_have_a_reason():
