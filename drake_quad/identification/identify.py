@@ -5,7 +5,7 @@ A Kalman filter, whose model is the vehicle, predicts each measurement from the 
 prior around the values of a data sheet (`drake_quad.identification.fit`).
 
 The same method applies to all logs. The commands may be rotor commands, or attitude commands to an autopilot. The
-measurements may come from an accelerometer or from motion capture, or may be heights only. Logs differ only in the
+measurements may come from an accelerometer, from motion capture, or from a height sensor alone. Logs differ only in the
 outputs that are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these outputs may
 determine (`drake_quad.identification.parameters`).
 
@@ -211,8 +211,8 @@ def _result(
         numbers[DELAY] = delay.value
     noise_deviations = map(float, fitted.noise.measured)
     outputs = tuple(
-        output._replace(deviation=vehicle_indices)
-        for output, vehicle_indices in zip(forecasts, noise_deviations, strict=False)
+        output._replace(deviation=noise_deviation)
+        for output, noise_deviation in zip(forecasts, noise_deviations, strict=False)
     )
     coverage = {name: each for name, each in hold_out_check(evidence).items() if name not in unidentified}
     result_delay = None if DELAY in unidentified else delay

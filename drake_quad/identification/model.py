@@ -6,7 +6,7 @@ attitude loop is modelled as a whole. The model simulates windows of a log for s
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
 B (for an attitude response, accelerations of the angles). The force is constant during a step: along the axes of W if
 positions, attitudes or velocities are measured, otherwise along the axes of B. The axes of W are preferred, since a
-vehicle leans into the wind: along the axes of B, the force of a constant wind would always have a component along the
+vehicle leans into the wind: along the axes of B, the force of a constant wind would have a constant component along the
 thrust.
 
 Commands act after a delay. A command that is constant between samples and delayed by n + f samples has the mean
@@ -377,15 +377,15 @@ class LogModel:
         return np.full(len(parameters), self._delay) if index is None else parameters[:, index]
 
     def measured_state(self, state: np.ndarray) -> np.ndarray:
-        """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
+        """Return the states (12, S) that motion capture would measure, with the misalignment of the scenario."""
         if self.responds:
             state = np.stack(state_from_body(AttitudeResponseBody(*state), small_rotation))
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
-        turn = rotation_matrices(misalignment)
+        body_from_markers = rotation_matrices(misalignment)
         position, attitude, *rest = np.split(state, len(STATE_ROWS))
-        angles = (rotation_matrices(attitude.T) * turn).as_euler("ZYX").T[::-1]
+        angles = (rotation_matrices(attitude.T) * body_from_markers).as_euler("ZYX").T[::-1]
         return np.concatenate([position, angles, *rest])
 
 
@@ -487,7 +487,7 @@ class ModelFlight:
         return self._command[:NUM_ROTORS]
 
     def _run(self, formula: Any, *rows: np.ndarray) -> None:
-        """Evaluate a formula of the model. `rows` are the arrays of its results, to be overwritten, and its inputs."""
+        """Evaluate a formula of the model. `rows` are its output arrays, which are overwritten, and then its inputs."""
         formula(self._size, 0.0, *(each.reshape(-1) for each in rows), self._numbers)
 
     def _read_inputs(self) -> None:

@@ -2,7 +2,7 @@
 
 Each moment of inertia of a rigid body is the sum of two second moments,
 
-    I_x = m_y + m_z,   I_y = m_z + m_x,   I_z = m_x + m_y,   m_x, m_y, m_z ≥ 0,
+    I_x = m_y + m_z,   I_y = m_z + m_x,   I_z = m_x + m_y,   m_x, m_y, m_z ≥ 0.
 
 The thrust K0 + K1 u + K2 u² of a motor is not negative, and does not decrease, for throttles u from 0 to 1 if
 
@@ -27,11 +27,10 @@ _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0,
 # Matrix from the coefficients of the thrust curve to the thrust at zero throttle, and the slopes of the curve at zero
 # and at full throttle. None of them is negative.
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
-# Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
-# point. Identified moments of inertia have errors of at least 0.1 %, so even flat vehicles are above the limit. If the
-# data sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
+# Lower limit of a second moment, relative to the smallest initial moment of inertia, so that no moment of inertia becomes
+# zero. If the initial moments of inertia imply a smaller second moment, as for a flat vehicle, that value is the limit.
 _MIN_SECOND_MOMENT = 1e-3
-# Largest thrust at zero throttle, relative to the thrust of a rotor in hover.
+# Upper limit of the thrust at zero throttle, relative to the thrust of a rotor in hover.
 _MAX_IDLE_THRUST = 0.5
 # A variable counts as being at a limit if its distance to the limit is less than this fraction of its scale.
 _LIMIT_TOLERANCE = 1e-3

@@ -79,8 +79,8 @@ class PreparedLogs(NamedTuple):
         """Voltage for which the thrust curve holds, V.
 
         The voltage is `motors.voltage` of the vehicle. If this is not set, it is the voltage of the full battery, or
-        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no throttles of
-        single motors, or if a log lacks the voltage.
+        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no motor
+        throttles, or if a log lacks the voltage.
         """
         if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
             return None
@@ -163,7 +163,7 @@ def block_numbers_of_windows(windows: int, duration: float, minimum: int) -> np.
     """Return the block number (windows,) of each window, for blocks of adjacent windows.
 
     A block lasts about four seconds, which is longer than the correlation time of model errors. Blocks are shorter if
-    there would otherwise be fewer than `minimum`.
+    there would otherwise be fewer than `minimum` blocks.
 
     Args:
         windows: number of windows.
@@ -244,7 +244,7 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
 
 
 def _outputs(records: Sequence[FlightRecord], attitude_is_estimated: bool) -> list[Output]:
-    """Return the outputs that are predicted. All records contain them.
+    """Return the outputs that are predicted, all of which every record contains.
 
     Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
     logged. An estimator usually derives these velocities and body rates from positions and attitudes, so they contain
@@ -278,9 +278,9 @@ def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
     window. The maximum-likelihood estimate reduces the disturbance in the first rounds of the fit.
     """
     measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
-    memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
+    correlation_times = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
     return PredictionNoise(
         np.array([measured[output.signal] for output in outputs]),
         np.array([1.0, 1.0, 1.0, 8.0, 8.0, 3.0]),
-        np.array(memory),
+        np.array(correlation_times),
     )

@@ -69,7 +69,8 @@ class FlightDifference(NamedTuple):
         thrust: difference of the thrust at the same command, relative to the mean of all flights; None if there is only
             one flight.
         forces: mean trim force along x and y of B, N, by name. If the heading changes enough, `forces` also contains
-            the mean force of a wind that is not logged, along x and y of W. Empty without positions and attitudes.
+            the mean force of a wind that is not logged, along x and y of W. It is empty if the logs lack positions or
+            attitudes.
     """
 
     name: str

@@ -3,7 +3,7 @@
 The file extends the vehicle with which the identification began. `vehicle` and `laboratory` contain the estimates as
 correlated normal distributions. The distributions describe a flight that was not logged: their covariance includes the
 error of the mean and, if it is known, the variation from one stretch of flight to the next. The standard deviations are
-widened to match Student's distribution, so that 95 % of the samples are within the interval for a further stretch.
+widened to match Student's t-distribution, so that 95 % of the samples are within the interval for a further stretch.
 
 `nominal`, which the planner and the controllers assume, is unchanged unless the estimates are requested there as well.
 To predict flights under the controller of the log, keep the values that this controller assumed in `nominal`. To
@@ -47,10 +47,10 @@ from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid
 _COMMENT_WIDTH = 100  # characters
 _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
 _MIN_VALUE_RATIO = 0.1  # lower limit of the distribution of a positive parameter, relative to its mean
-_LIMIT_SIGMA = 6.0  # distance from the mean, in standard deviations, of limits that no sample should reach
-_NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
-# Limit of the rotor speed, relative to the speed at full throttle. It allows 21 % more thrust, which exceeds the error
-# of a thrust curve.
+_LIMIT_SIGMA = 6.0  # distance of the limits of a distribution from its mean, in standard deviations
+_NUM_EXTRA_DECIMALS = 5  # decimals of an estimate after the first significant digit of its standard deviation
+# Rotor speed limit, relative to the speed at full throttle. The limit allows 21 % more thrust, which exceeds the error of
+# a thrust curve.
 _SPEED_LIMIT_RATIO = 1.1
 
 
@@ -148,7 +148,7 @@ def _relative(base: str | Path, folder: Path) -> str:
     file, name = split_spec(str(base))
     try:
         written_path = Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
-    except ValueError:  # no relative path exists if the two are on different drives
+    except ValueError:  # no relative path exists between different drives
         written_path = Path(file).resolve().as_posix()
     return written_path if name is None else f"{written_path}:{name}"
 
@@ -222,7 +222,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
     if not varying:
         return numbers
     part = estimates.for_new_flight().subset(varying)
-    # The normal distribution is widened to the 95 % interval of Student's distribution.
+    # The normal distribution is widened to the 95 % interval of Student's t-distribution.
     widening = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(widening, widening)
     for name, distribution in correlated_normals(varying, part.values, covariance, prefix=prefix).items():
@@ -235,7 +235,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
 
 
 def _rounded(value: float, deviation: float) -> float:
-    """Return a number with the decimals that its standard deviation justifies."""
+    """Round a number to the decimals that its standard deviation justifies."""
     return round(float(value), _NUM_EXTRA_DECIMALS - math.floor(math.log10(deviation)))
 
 
