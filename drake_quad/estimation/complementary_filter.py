@@ -6,13 +6,13 @@ IEEE Transactions on Automatic Control 53, 2008, section IV):
 
     ω̂ = ω - b + e / T_t,    b' = - e / (T_t T_b),    e = (a / |a|) × (R^T e_z)
 
-with the reading ω of the gyroscope and the reading a of the accelerometer. The filter takes the direction of a for the
-vertical. The specific force of a quadrotor is thrust and drag, so this is true on average only.
+with the reading ω of the gyroscope and the reading a of the accelerometer. The filter assumes that a points upwards.
+This is true only on average, because the accelerometer of a quadrotor measures the thrust and the drag.
 
-A reading of another sensor changes the measured quantity, and nothing else, by a fixed fraction of the innovation: 1 -
-exp(-h / T) for a velocity or a rotation, where h is the period of the readings. Position and velocity are corrected by
-a position as in a critically damped g-h filter, with g = 1 - θ², h = (1 - θ)² and θ = exp(-h / T). Latencies and the
-places of sensors are not taken into account.
+A reading of another sensor corrects the measured quantity by a fixed fraction of the innovation. For a velocity or a
+rotation, the fraction is 1 - θ with θ = exp(-Δt / T), the period Δt of the readings and the time constant T. A position
+also corrects the velocity, as in a critically damped g-h filter with g = 1 - θ² and h = (1 - θ)². The filter ignores
+the latencies of sensors and their positions on the vehicle.
 """
 
 from collections.abc import Sequence
@@ -46,11 +46,11 @@ class TimeConstants(NamedTuple):
     """Time constants with which the estimate follows the readings.
 
     Attributes:
-        tilt: time constant T_t of roll and pitch, which follow the accelerometer.
-        bias: time constant T_b of the bias of the gyroscope, which follows the error of the tilt.
-        rotation: time constant of an attitude, a yaw or a heading.
-        velocity: time constant of a velocity.
-        position: time constant of a position, and of the velocity that follows it.
+        tilt: time constant T_t with which roll and pitch follow the accelerometer.
+        bias: time constant T_b with which the estimated bias of the gyroscope follows the error of the tilt.
+        rotation: time constant of corrections by a measured attitude, yaw or heading.
+        velocity: time constant of corrections by a measured velocity.
+        position: time constant of corrections by a measured position, which change position and velocity.
     """
 
     tilt: _Time
@@ -83,7 +83,7 @@ class ComplementaryCounters(NamedTuple):
 
     Attributes:
         waits_for_start: 1 before the first sample, then 0.
-        samples_to_reading: samples until the next reading of each aiding sensor.
+        samples_to_reading: for each aiding sensor, the number of samples until its next reading.
     """
 
     waits_for_start: Number
@@ -93,11 +93,12 @@ class ComplementaryCounters(NamedTuple):
 def corrected_by(
     estimate: Estimate, measurements: Sequence[ScalarMeasurement], times_of_filter: TimeConstants, period: float
 ) -> Estimate:
-    """Return an estimate that is moved towards scalar measurements.
+    """Return an estimate after corrections by scalar measurements.
 
     Args:
         estimate: estimate at the time of the measurements.
-        measurements: scalar measurements; a measurement changes its field `reset`.
+        measurements: scalar measurements. Each corrects the part of the estimate that its field `reset` names. A
+            measurement that corrects the position also corrects the velocity.
         times_of_filter: time constants.
         period: time between the measurements, s.
     """
@@ -119,7 +120,7 @@ def corrected_by(
 
 @dataclass(frozen=True)
 class _Correction:
-    """Formula of the correction by a reading.
+    """Function that corrects an estimate by a reading.
 
     Attributes:
         law: measurement equation.
@@ -138,7 +139,7 @@ class _Correction:
 
 @dataclass(frozen=True)
 class _Step:
-    """Formula of the state of a complementary filter after a sample of the inertial measurement unit.
+    """Function that updates the state of a complementary filter with a sample of the inertial measurement unit.
 
     Attributes:
         aiding: aiding sensors.
@@ -194,7 +195,7 @@ class ComplementaryFilter(FleetSystem):
         output_ports:
         - measurement
 
-    The filter reads its ports at the same times as an `ErrorStateKalmanFilter`, and starts in the same way. The block
+    The filter reads its ports at the same times as an `ErrorStateKalmanFilter`, and starts in the same way. The diagram
     shows the ports of a filter with the aiding sensor `position`, whose readings can be missing.
 
     Args:
