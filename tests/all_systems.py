@@ -224,15 +224,14 @@ class Example(NamedTuple):
 
     @property
     def other_parameters(self) -> Any:
-        """Parameters whose numbers all differ from those of the example, and between vehicles."""
+        """Parameters that all differ from those of the example, and between vehicles."""
         if self.parameters is None:
             return None
         if isinstance(self.parameters, Samples):
             return Samples(self.parameters.seed + 1, [sample + 10 for sample in self.parameters.indices])
         layout = layout_of(type(self.parameters), self.parameters)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Each parameter is multiplied by a different factor, so that ratios of parameters differ from those of the
-        # example, too.
+        # Each parameter has a different factor, so that ratios of parameters also differ from those of the example.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.parameters))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
@@ -711,7 +710,10 @@ COMPLEMENTARY_STRUCTURE = {"aiding": (Aiding("position", "position", 4, can_miss
 FILTER_OF_TWO = FILTER._replace(aiding=(*FILTER.aiding, AidingParameters(HeightAiding(0.31), 21.0, 7.0)))
 FILTER_OF_TWO_STRUCTURE = {
     **FILTER_STRUCTURE,
-    "aiding": (*FILTER_STRUCTURE["aiding"], Aiding("height", "height", 2)),  # its readings wait for the position
+    "aiding": (
+        *FILTER_STRUCTURE["aiding"],
+        Aiding("height", "height", 2),
+    ),  # height readings are stored until position readings arrive
 }
 
 FLEET_SYSTEMS = [

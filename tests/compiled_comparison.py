@@ -8,12 +8,12 @@ from drake_quad.flight.simulation import simulate_batch
 TOLERANCE = 1e-9
 
 
-def assert_alike(found, expected, what=""):
+def assert_alike(found, expected, name=""):
     """Assert that two arrays agree within the tolerance; NaN and infinities must be at the same places."""
     found, expected = np.asarray(found), np.asarray(expected)
-    assert found.shape == expected.shape, what
+    assert found.shape == expected.shape, name
     size = max(1.0, np.max(np.abs(expected[np.isfinite(expected)]), initial=0.0))
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * size, err_msg=what)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * size, err_msg=name)
 
 
 def assert_flights_alike(found, expected):
@@ -33,11 +33,11 @@ def assert_metrics_alike(found, expected):
 
 
 def assert_flown_alike(batch, *, plan=None):
-    """Assert that a batch of samples has equal flights compiled and uncompiled, and return the flights."""
-    wired = simulate_batch(batch, plan=plan, compiled=False)
+    """Simulate a batch compiled and uncompiled, assert that the flights are equal, and return the compiled ones."""
+    uncompiled = simulate_batch(batch, plan=plan, compiled=False)
     compiled = simulate_batch(batch, plan=plan, compiled=True)
     assert all(flight.compiled for flight in compiled)
-    assert not any(flight.compiled for flight in wired)
-    for found, expected in zip(compiled, wired, strict=True):
+    assert not any(flight.compiled for flight in uncompiled)
+    for found, expected in zip(compiled, uncompiled, strict=True):
         assert_flights_alike(found, expected)
     return compiled

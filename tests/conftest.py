@@ -49,7 +49,7 @@ _LONG_FILES = (
 def pytest_xdist_auto_num_workers() -> int:
     """Return the number of worker processes: one more than there are cores, but at most 4.
 
-    The additional process uses the time in which tests wait. Each process needs a few hundred MB of memory.
+    The additional process uses the cores while other tests wait. Each process needs a few hundred MB of memory.
     """
     return min(4, (os.cpu_count() or 1) + 1)
 

@@ -1,4 +1,4 @@
-"""Tests of a vehicle that leans against the wind and has linear-quadratic-Gaussian control."""
+"""Tests of a vehicle that leans against the wind under linear-quadratic-Gaussian control."""
 
 import numpy as np
 import pytest

@@ -43,7 +43,7 @@ def pd_law(m: State, r: Reference, gains: Gains) -> Acceleration:
 
 @fleet_system(float, AutoDiffXd)
 class Formula(FleetSystem):
-    """A PD controller as a formula."""
+    """A PD controller that declares its law as a formula."""
 
     def declare(self, *, parameters=Gains()):
         gains = self.parameter("gains", lambda parameters: parameters)

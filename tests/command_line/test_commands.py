@@ -1,4 +1,4 @@
-"""Commands and development scripts, run as by a user."""
+"""Tests of commands and development scripts, which run as if a user had started them."""
 
 import csv
 import importlib.util
@@ -625,7 +625,7 @@ def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words)
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
-def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
+def test_a_controller_whose_name_is_not_a_valid_folder_name_is_refused(run, tmp_path, name):
     """A folder that is named `..`, for example, would be the parent folder."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
@@ -729,7 +729,7 @@ def test_missing_graphviz_is_reported_in_one_sentence(run, tmp_path, monkeypatch
 
 @pytest.fixture
 def forked(monkeypatch):
-    """Make measurements in forked processes, which need not import and compile everything again."""
+    """Let benchmarks fork their processes, which then need not import and compile everything again."""
     monkeypatch.setenv("SCIPY_ARRAY_API", "1")
     monkeypatch.setattr(os, "sched_setaffinity", lambda process, cores: None, raising=False)
     # crazyflow must be imported before SciPy, which is possible only in a spawned process.
@@ -812,14 +812,14 @@ def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run)
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "cached_results")
 def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
-    mine = tmp_path / "mine.yaml"
-    result = run("identify", CRAZYFLIE_LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
+    vehicle_file = tmp_path / "mine.yaml"
+    result = run("identify", CRAZYFLIE_LOG, "--mass", "0.0375", "--output", vehicle_file, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
-    # The table states how many held-out segments have an estimate within the interval, for each parameter.
-    held = re.findall(r"  (\d+) of 10\b", result.stdout)
-    assert len(held) >= 8
-    assert min(map(int, held)) >= 9
+    # For each parameter, the table states how many estimates from held-out segments lie within the interval.
+    num_within = re.findall(r"  (\d+) of 10\b", result.stdout)
+    assert len(num_within) >= 8
+    assert min(map(int, num_within)) >= 9
     assert re.search(r"^position +0\.5 s ", result.stdout, re.MULTILINE)
     assert "remark: log100: 1 gap" in result.stderr
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]

@@ -333,8 +333,8 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     for name in ("fit", "residuals", "correlations", "predictions"):
         calls |= replaced("identify.plots", **{f"plot_{name}": name})
     calls |= replaced("identify.plots", plot_thrust=None)
-    mine = tmp_path / "mine.yaml"
-    options = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
+    vehicle_file = tmp_path / "mine.yaml"
+    options = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", vehicle_file]
     result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *options)
     assert (result.returncode, result.stderr) == (0, "remark: identified loses\n")
     ((logs, base), named) = calls["identify"][0]
@@ -347,7 +347,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     ]
     assert all(more["nominal"] is base for _, more in calls["predict"])
     ((path, name, estimates), named) = calls["write_vehicle"][0]
-    assert (path, name, estimates, named["base"]) == (mine, "mine", "estimates", "vehicles/hummingbird")
+    assert (path, name, estimates, named["base"]) == (vehicle_file, "mine", "estimates", "vehicles/hummingbird")
     assert named["nominal"] is False
     assert named["overrides"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve refers to this voltage of the battery.
@@ -359,7 +359,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert "the initial vehicle is vehicles/hummingbird\n" in result.stdout
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     # A thrust curve that was not identified is not plotted.
-    assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
+    assert written == [str(vehicle_file), "fit", "residuals", "correlations", "predictions"]
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
     # If the logs contain no throttles, the identified vehicle has motors of the same type as before.

@@ -1,4 +1,4 @@
-"""The command `map` with `--vary`: maps of flights over two fields."""
+"""Tests of the command `map` with `--vary`, which draws maps of flights over two fields."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Options that commands share, remarks that they print before a flight, and progress bars."""
+"""Tests of options that commands share, of remarks that they print before a flight, and of progress bars."""
 
 import argparse
 import math
@@ -18,7 +18,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
-# Commands for a scenario that write no files, and commands without a scenario.
+# These commands take a scenario, but write no files.
 COMMANDS_WITHOUT_FILES = {"scenarios"}
 COMMANDS_WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "estimate", "completion"}
 COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol", "estimate",
@@ -60,12 +60,12 @@ def test_folders_are_named_after_the_command_by_default():
 
 
 @pytest.fixture
-def remarkable(monkeypatch):
+def scenario_with_remark(monkeypatch):
     monkeypatch.setattr("drake_quad.command_line.flight_remarks.flight_remarks", lambda _: ("it has a remark",))
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("remarkable")
+@pytest.mark.usefixtures("scenario_with_remark")
 def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, simulated, tmp_path):  # noqa: F811
     crash = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
     replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=[])
@@ -77,7 +77,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
     replaced("sensitivities", write_sensitivities="file")
     replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
-    for words in (
+    for command_line in (
         ["compare", "--scenario", "robustness", *two],
         ["compare-log", "log.csv", "robustness"],
         ["replay", "robustness", *two],
@@ -85,13 +85,13 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
         ["study", "robustness", *two, "--samples", 3, "--workers", 1],
         ["fly", "hover"],
     ):
-        result = run(*words, "--output", tmp_path)
+        result = run(*command_line, "--output", tmp_path)
         assert (result.returncode, result.stderr) == (0, "remark: it has a remark\n")
 
 
 @pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
-def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
-    """The remark says that the wind has no effect. The design function is replaced by one that raises an error."""
+def test_design_commands_print_remarks_on_the_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
+    """The remark says that the wind has no effect. The design function is a stub that raises an error."""
     module = command_module(command)
     function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
 
@@ -220,7 +220,7 @@ def test_the_command_draw_shows_the_diagram_of_the_first_sample(run, replaced, t
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """Later overrides have priority, so `--set` cannot change the worst case of a map that `--worst` defines."""
+    """Later overrides have priority, so `--set` cannot change the worst case that `--worst` defines for a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
     scenario = scenario_from_arguments(arguments, further=parse_overrides(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)

@@ -1,4 +1,4 @@
-"""Commands pass the arguments of the command line on to the computations, which these tests replace."""
+"""Tests that commands pass their arguments on to the computations, which are replaced by stubs."""
 
 import argparse
 import io
@@ -59,7 +59,7 @@ def metrics_of(count, crashed=()):
 
 @pytest.fixture
 def replaced(monkeypatch):
-    """Return a function that replaces functions of a command and records the arguments of their calls."""
+    """Return a function that replaces functions of a command by stubs and records the arguments of their calls."""
     calls = {}
 
     def kept(name, result):
@@ -203,7 +203,7 @@ def test_a_quick_map_is_small_and_short_and_its_worst_case_can_be_named(run, rep
     assert run("map", "hover", "--quick", "--set", "duration=2", "--size", 3, "--output", tmp_path).returncode == 0
     assert calls["panel"][0][0][1].duration == 2.0
     assert len(calls["panel"][0][0][3]) == 3
-    # A delay is at most fifty ticks.
+    # The worst case adds no delay here, since the link already has the largest possible delay of fifty ticks.
     calls["panel"].clear()
     late = ["--set", "laboratory.command_link.delay_ticks=50"]
     assert run("map", "hover", "--quick", *late, "--output", tmp_path).returncode == 0
@@ -320,7 +320,7 @@ def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced,
     result = run(*command_line)
     assert result.returncode == 1
     assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
-    # One of two controllers fails.
+    # A sample of one of the two controllers fails.
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
@@ -364,24 +364,24 @@ def test_a_study_saves_only_figures_that_show_samples(replaced, monkeypatch):
     arguments.over = "vehicle.gravity"
     assert figures(a=crashed)["crash_probability"] == "vehicle.gravity"
     assert study.save_plots({"a": studied(scenario, 0)}, "folder", arguments) == []
-    # A study without samples is left out.
+    # A study without samples has no figure.
     assert figures(a=calm, b=studied(scenario, 0)) == both | {"influences": "peak_error"}
 
 
 def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
-    made = []
+    calls = []
 
     @contextmanager
-    def crew(*arguments, **named):
-        made.append((arguments, named))
-        yield "a crew"
+    def stub_pool(*arguments, **options):
+        calls.append((arguments, options))
+        yield "a pool"
 
-    monkeypatch.setattr(workers, "Workers", crew)
-    monkeypatch.setattr(workers, "dask_pool", crew)
+    monkeypatch.setattr(workers, "Workers", stub_pool)
+    monkeypatch.setattr(workers, "dask_pool", stub_pool)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
         with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
-            assert found == "a crew"
-    assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
+            assert found == "a pool"
+    assert calls == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
         pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
         workers.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
@@ -490,7 +490,7 @@ class Terminal(io.StringIO):
 
 
 def test_a_flight_on_a_terminal_waits_until_a_browser_is_connected(monkeypatch, capsys):
-    """The flight starts when a browser is connected. The command ends at Enter or at the end of the input."""
+    """The flight starts when a browser is connected. The command ends when Enter is pressed or its input ends."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(
         web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
@@ -541,7 +541,7 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
 
 
 @pytest.mark.parametrize(
-    ("option", "least", "most"),
+    ("option", "minimum", "maximum"),
     [
         ("phase-margin", 0.0, 180.0),
         ("gain-margin", 0.0, 60.0),
@@ -549,48 +549,48 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
         ("integral", 0.01, 0.9),
     ],
 )
-def test_design_options_are_checked_against_their_ranges(option, least, most):
+def test_design_options_are_checked_against_their_ranges(option, minimum, maximum):
     scenario = load_scenario("laboratory:nominal")
-    for value in (least, most):
+    for value in (minimum, maximum):
         design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
-    for value in (least - 1e-4, most + 1e-4):
-        with pytest.raises(InputError, match=f"--{option} is .*, but must be between {least:g} and {most:g}"):
+    for value in (minimum - 1e-4, maximum + 1e-4):
+        with pytest.raises(InputError, match=f"--{option} is .*, but must be between {minimum:g} and {maximum:g}"):
             design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
 
 
 @pytest.mark.parametrize(
-    ("field", "least", "most"),
+    ("field", "minimum", "maximum"),
     [("yaw.bandwidth", 1e-3, 100.0), ("height.damping", 0.05, 0.999), ("position.rate_time", 0.0, 10.0)],
 )
-def test_loop_requests_are_checked_against_their_ranges(field, least, most):
+def test_loop_requests_are_checked_against_their_ranges(field, minimum, maximum):
     scenario = load_scenario("laboratory:nominal")
     method, other = ("lqr", "poles") if "rate" in field else ("poles", "lqr")
 
-    def asked(wish, method=method):
-        return design.design_options(design.options().parse_args(["--method", method, "--loop", wish]), scenario)
+    def options_for(request, method=method):
+        return design.design_options(design.options().parse_args(["--method", method, "--loop", request]), scenario)
 
-    asked(f"{field}={least}")
-    asked(f"{field}={most}")
-    for value, demand in (
-        (least - 1e-4, f"greater than or equal to {least:g}"),
-        (most + 1e-4, f"less than or equal to {most:g}"),
+    options_for(f"{field}={minimum}")
+    options_for(f"{field}={maximum}")
+    for value, condition in (
+        (minimum - 1e-4, f"greater than or equal to {minimum:g}"),
+        (maximum + 1e-4, f"less than or equal to {maximum:g}"),
     ):
-        with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {demand}"):
-            asked(f"{field}={value:.6f}")
+        with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {condition}"):
+            options_for(f"{field}={value:.6f}")
     with pytest.raises(InputError, match=f"--loop {field} requires --method {method}"):
-        asked(f"{field}={least}", other)
+        options_for(f"{field}={minimum}", other)
 
 
 def test_a_loop_request_must_name_a_loop_and_a_field():
     scenario = load_scenario("laboratory:nominal")
-    for wish, complaint in {
+    for request, message in {
         "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
         "yaw.dampings=0.7": "yaw.dampings is unknown; allowed are bandwidth, damping, rate_time; did you mean damping",
         "yaw.damping": "must be field.path=value",
         "yaw.damping=much": "yaw.damping is 'much', but must be a valid number",
     }.items():
-        with pytest.raises(InputError, match=f"--loop {wish}: {complaint}"):
-            design.design_options(design.options().parse_args(["--loop", wish]), scenario)
+        with pytest.raises(InputError, match=f"--loop {request}: {message}"):
+            design.design_options(design.options().parse_args(["--loop", request]), scenario)
 
 
 def test_a_vehicle_is_named_after_its_file_or_its_first_log():
@@ -747,8 +747,8 @@ class Bar:
     def update(self, step=1):
         self.n += step
 
-    def set_postfix_str(self, words, **_):
-        self.words.append(words)
+    def set_postfix_str(self, text, **_):
+        self.words.append(text)
 
 
 def test_progress_bars_show_the_finished_part(monkeypatch):
@@ -758,11 +758,11 @@ def test_progress_bars_show_the_finished_part(monkeypatch):
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # The first 30 flights already existed, so they do not count for the speed.
+    # The first 30 flights already existed, so the displayed speed does not include them.
     assert (bars[-1].initial, bars[-1].options) == (30, {"desc": "mine", "unit": " flights"})
     with progress.progress_bar("flying") as show:
-        for what, done in (("pd", 20), ("pid", 70)):
-            show(done, 200, what)
+        for controller, done in (("pd", 20), ("pid", 70)):
+            show(done, 200, controller)
             assert bars[-1].n == done
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
 
@@ -784,9 +784,12 @@ def test_arguments_are_completed_according_to_their_kind():
         completions[action.dest, action.metavar] = getattr(action, "complete", None)
 
     parser = full_parser(complete)
-    own = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
+    scenario_completion = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
     assert (
-        completions["scenario", None] == completions["controller", "FILE:NAME"] == completions["vehicle", None] == own
+        completions["scenario", None]
+        == completions["controller", "FILE:NAME"]
+        == completions["vehicle", None]
+        == scenario_completion
     )
     assert completions["output", "FOLDER"] == shtab.DIRECTORY
     assert (
@@ -840,9 +843,9 @@ def test_numeric_options_are_checked_against_their_ranges():
 
 
 @pytest.mark.slow
-def test_lists_of_scenarios_are_wrapped_below_each_other(run):
+def test_long_lists_of_scenarios_are_wrapped_and_aligned(run):
     lines = run("scenarios").stdout.splitlines()
     assert max(map(len, lines)) <= 120
-    # All names begin in the same column.
+    # All names of scenarios begin in the same column.
     width = max(len(line.split()[0]) for line in lines if not line.startswith(" "))
     assert {len(line) - len(line[width:].lstrip()) for line in lines if len(line) > width} == {width + 2}

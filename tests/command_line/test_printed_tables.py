@@ -1,4 +1,4 @@
-"""Commands print invented results in the right units, and write them to tables."""
+"""Tests that commands print results in the right units and write them to tables. The results are invented."""
 
 import math
 import re
@@ -61,7 +61,7 @@ def cells(text):
 
 
 def metrics_of(rmse, crashed=()):
-    """Return metrics with the given RMSE of each flight; some flights crash after 3 s. Other metrics are 1, 2, ...."""
+    """Return metrics with the given RMSE; the given flights crash after 3 s. Other metrics equal their field index."""
     rmse = np.asarray(rmse, dtype=float)
     time = np.full(len(rmse), np.inf)
     time[list(crashed)] = 3.0
@@ -183,8 +183,8 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     ]
     assert {row[4] for row in rows if row[1] in ("z", "all")} == {"no"}
     assert {row[4] for row in rows if row[1] in ("x", "y")} == {"yes"}
-    # The predicted median on each axis is about a centimetre. The interval ends at a crash, since 10 % of the flights
-    # crash.
+    # The predicted median on each axis is about a centimetre. The upper end of each 95 % interval is a crash, since
+    # 10 % of the flights crash.
     for row in rows:
         median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
         assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
@@ -261,7 +261,7 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
 
 
 def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
-    """Modes faster than 60 rad/s are left out. The states of a mode are those of the vehicle, if it has any."""
+    """Modes faster than 60 rad/s are left out. If a mode involves states of the vehicle, only these are listed."""
 
     def oscillator(frequency, damping):
         return np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
@@ -570,13 +570,13 @@ def test_active_limits_of_a_plan_are_printed_with_their_segments():
 
 
 def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
-    """The expected values of a figure eight follow from its samples; a limit is printed if there is one."""
+    """The expected values are computed from samples of the path. A limit is printed only if there is one."""
     mission = load_scenario("figure_eight")
     simulated = plan_route(mission)
     rows = {name: (value, unit) for name, value, unit in plan.summary(mission, simulated, PathLimits(speed=9.0), None)}
     times = np.linspace(0.0, simulated.duration, 20_001)
-    way = evaluate(simulated.path, times)
-    assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(way, axis=1), axis=0).sum(), abs=0.02)
+    positions = evaluate(simulated.path, times)
+    assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(positions, axis=1), axis=0).sum(), abs=0.02)
     assert rows["duration"] == (f"{simulated.duration:.3f}", "s")
     assert rows["waypoints"] == (str(len(simulated.path.times)), "")
     for name, order, unit in (("speed", 1, "m/s of 9"), ("acceleration", 2, "m/s²"), ("snap", 4, "m/s⁴")):
@@ -585,8 +585,8 @@ def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
         assert rows[f"top {name}"][1] == unit
     parameters = planned_parameters(mission)
     rotors = np.array(plan_demand(simulated, parameters, times).rotor_speed)
-    least, most = map(float, rows["rotor speeds"][0].split(" to "))
-    assert (least, most) == pytest.approx((rotors.min(), rotors.max()), abs=1.0)
+    lowest, highest = map(float, rows["rotor speeds"][0].split(" to "))
+    assert (lowest, highest) == pytest.approx((rotors.min(), rotors.max()), abs=1.0)
     assert rows["rotor speeds"][1] == f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}"
 
 

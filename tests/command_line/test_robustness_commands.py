@@ -1,4 +1,4 @@
-"""Commands that estimate risks, search for worst cases, and attribute variances."""
+"""Tests of commands that estimate risks, search for worst cases, and attribute variances."""
 
 import re
 

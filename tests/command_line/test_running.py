@@ -1,4 +1,4 @@
-"""A failing command prints one sentence and exits with a nonzero status, for any output stream."""
+"""Tests that a failing command prints one sentence and exits with a nonzero status, whatever its output stream."""
 
 import io
 import os

@@ -41,7 +41,7 @@ def strided(uncompiled):
     return compile_diagram(uncompiled, ticks=10, record=True)
 
 
-def part_of(simulator):
+def compiled_system_of(simulator):
     """Return the compiled system of a simulator's diagram, and its context."""
     system = compiled_part(simulator.get_system())
     return system, system.GetMyMutableContextFromRoot(simulator.get_mutable_context())
@@ -60,7 +60,7 @@ def names_of(diagram):
 def assert_equal_at(uncompiled, compiled, context):
     """Assert that two simulators have equal states and outputs; `context` is a context of the original diagram."""
     diagram = uncompiled.get_system()
-    system, part = part_of(compiled)
+    system, part = compiled_system_of(compiled)
     context.SetTime(uncompiled.get_context().get_time())
     system.write(part, context)
     assert_alike(state_of(context), state_of(uncompiled.get_context()), "state")
@@ -177,7 +177,7 @@ def test_a_simulation_can_continue_from_any_state_with_any_parameters(uncompiled
     vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.2, v_y=0.3, yaw=0.4))
     gains = pd.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
     gains.SetFromVector(0.8 * gains.CopyToVector())
-    system, part = part_of(simulators[1])
+    system, part = compiled_system_of(simulators[1])
     system.read(part, context)
     for time in (0.0, 0.1, 0.203):
         for simulator in simulators:
@@ -244,12 +244,12 @@ def test_the_monitor_of_drakes_simulator_observes_the_same_flight(uncompiled, co
 def test_no_event_starts_after_the_end_of_the_simulation(strided, last):
     """An event that starts before or at the end of the simulation is simulated with all of its ticks."""
     simulators = [Simulator(strided) for _ in range(2)]
-    system, part = part_of(simulators[0])
+    system, part = compiled_system_of(simulators[0])
     system.set_end(part, last)
     logs = []
     for simulator in simulators:
         simulator.AdvanceTo(0.5)
-        own, context = part_of(simulator)
+        own, context = compiled_system_of(simulator)
         logs.append(own.log(context))
     ticks = round(last / 0.02 + 0.25) + 1 if last != 0.21 else 11
     assert all(len(values) == ticks for values in logs[0].values())
@@ -259,7 +259,7 @@ def test_no_event_starts_after_the_end_of_the_simulation(strided, last):
 
 
 def test_nothing_is_recorded_before_the_first_tick(strided):
-    system, context = part_of(Simulator(strided))
+    system, context = compiled_system_of(Simulator(strided))
     assert {name: values.shape for name, values in system.log(context).items()} == {
         name: (0, strided.GetOutputPort(name).size()) for name in names_of(strided)[1]
     }
@@ -282,7 +282,7 @@ def test_recorded_outputs_have_the_values_before_the_discrete_updates(uncompiled
     for diagram in (strided, often):
         simulator = Simulator(diagram)
         simulator.AdvanceTo(0.39)
-        system, part = part_of(simulator)
+        system, part = compiled_system_of(simulator)
         assert system.tick == 0.02
         logs.append(system.log(part))
     assert logs[0].keys() == logs[1].keys() == set(names_of(uncompiled)[1])
@@ -303,7 +303,9 @@ def test_contexts_of_one_compiled_diagram_are_independent(strided):
         simulator.AdvanceTo(time)
     clone = simulators[0].get_context().Clone()
     Simulator(strided, clone)
-    lengths = [len(part_of(simulator)[0].log(part_of(simulator)[1])["state"]) for simulator in simulators]
+    lengths = [
+        len(compiled_system_of(simulator)[0].log(compiled_system_of(simulator)[1])["state"]) for simulator in simulators
+    ]
     assert lengths == [10, 20]
 
 

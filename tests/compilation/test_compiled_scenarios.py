@@ -36,7 +36,7 @@ def specs():
 
 
 def _kind(value):
-    """Return the type of a number, or the text of another value."""
+    """Return the type of a number, or the representation of any other value."""
     return type(value) if type(value) in (int, float) else repr(value)
 
 

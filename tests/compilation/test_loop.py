@@ -1,4 +1,4 @@
-"""Tests of machine code that simulates events, from handwritten listings."""
+"""Tests of machine code that simulates events, generated from handwritten listings."""
 
 import itertools
 
@@ -21,8 +21,16 @@ def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, wi
     """Simulate events, and return the final state and the log.
 
     Args:
-        groups: state and parameters of N vehicles, each (rows, N).
-        shared: (events, width) values that all vehicles share in each event."""
+        listing: listing of the operations of an event.
+        changes: next values of state components, by their index.
+        logged: rows that are logged at each event.
+        state: (rows, N) state of N vehicles.
+        parameters: (rows, N) parameters.
+        inputs: (rows, N) inputs.
+        shared: (events, width) values that all vehicles share in each event.
+        width: width of `shared`, if it has no events.
+        single_vehicle: True to compile the code for a single vehicle.
+    """
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))

@@ -296,14 +296,14 @@ def test_events_that_were_removed_from_the_cache_are_compiled_again(new_loops, m
 def test_tables_that_were_removed_from_the_cache_are_computed_again(monkeypatch):
     diagram = diagram_of()
     logs = []
-    for most in (256, 1):
-        monkeypatch.setattr("drake_quad.compilation.compiled_system._MAX_TABLES", most)
+    for max_entries in (256, 1):
+        monkeypatch.setattr("drake_quad.compilation.compiled_system._MAX_TABLES", max_entries)
         compiled = compile_diagram(diagram, ticks=2, record=True)
         part = compiled_part(compiled)
         for _ in range(2):
             simulator = Simulator(compiled)
             simulator.AdvanceTo(3.0)
             logs.append(part.log(part.GetMyContextFromRoot(simulator.get_context()))["x"])
-        assert len(part._tables) <= most
+        assert len(part._tables) <= max_entries
     for log in logs[1:]:
         np.testing.assert_array_equal(log, logs[0])

@@ -190,12 +190,14 @@ def test_a_controller_receives_the_disturbance_learned_for_the_present_position(
     learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", (weights,) * 2)
     for name in ("measurement", "reference"):
         control.GetInputPort(name).FixValue(context, INPUTS[name])
-    own = position.GetMyContextFromRoot(context)
-    commanded = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
+    position_context = position.GetMyContextFromRoot(context)
+    received = {
+        name: position.GetInputPort(name).Eval(position_context) for name in ("correction", "learned_disturbance")
+    }
     z, v_z = INPUTS["measurement"].z, INPUTS["measurement"].v_z
     for name, ahead in (("correction", leads * lead), ("learned_disturbance", 0.0)):
         expected = np.dot(weights, firing_strengths((z + ahead * v_z,), sets))
-        np.testing.assert_allclose(commanded[name], [expected, expected, 0.0], rtol=1e-14)
+        np.testing.assert_allclose(received[name], [expected, expected, 0.0], rtol=1e-14)
     assert v_z != 0.0
 
 

@@ -82,17 +82,17 @@ def test_the_second_batch_of_a_fleet_flies_like_a_new_fleet(scenario, overrides,
     the first camera frame and the initial wind, and rounds some values differently.
     """
     study = scenario(*overrides, controller=controller)
-    wired, compiled = (
+    uncompiled, compiled = (
         StudyFleet(study, plan_route(study), 3, compiled=False),
         StudyFleet(study, plan_route(study), 3),
     )
     # The fleet is compiled by default, and does not record signals.
-    for fleet, is_compiled in ((wired, False), (compiled, True)):
+    for fleet, is_compiled in ((uncompiled, False), (compiled, True)):
         assert fleet.simulation.compiled == is_compiled
         assert not fleet.simulation._diagram.HasSubsystemNamed("recorder")
     for samples in ([7, 8, 9], [3, 1, 2]):
         expected = new_fleet_metrics(study, Batch.draw(study, samples))
-        for actual, desired in zip(wired.fly(samples), expected, strict=True):
+        for actual, desired in zip(uncompiled.fly(samples), expected, strict=True):
             np.testing.assert_array_equal(actual, desired)
         for actual, desired in zip(compiled.fly(samples), expected, strict=True):
             np.testing.assert_allclose(actual, desired, rtol=1e-12)

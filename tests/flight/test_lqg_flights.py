@@ -149,10 +149,10 @@ def test_a_network_can_be_combined_with_the_regulator():
         " learning: {kind: gradient, signal: feedback, rate: 2}}"
     )
     scenario = scenario_of("laboratory.yaml:high_wind", network, "duration=4")
-    wired, compiled = (simulate(scenario, compiled=how) for how in (False, True))
-    assert np.abs(wired["correction"]).max() > 0.05
-    np.testing.assert_allclose(compiled["correction"], wired["correction"], atol=1e-9)
-    np.testing.assert_allclose(compiled["state"], wired["state"], atol=1e-9)
+    uncompiled, compiled = (simulate(scenario, compiled=is_compiled) for is_compiled in (False, True))
+    assert np.abs(uncompiled["correction"]).max() > 0.05
+    np.testing.assert_allclose(compiled["correction"], uncompiled["correction"], atol=1e-9)
+    np.testing.assert_allclose(compiled["state"], uncompiled["state"], atol=1e-9)
 
 
 def test_a_position_controller_cannot_replace_the_regulator():

@@ -260,8 +260,8 @@ def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
 
     hover = load_scenario("figure_eight", {"duration": 2.0})
     task = environment_scenario(hover, observation={"signals": ["position_error", "velocity_error"]})
-    wired, compiled = (simulate(task, policy=PlainPolicy(), compiled=compiled) for compiled in (False, True))
-    assert_flights_alike(compiled, wired)
+    uncompiled, compiled = (simulate(task, policy=PlainPolicy(), compiled=compiled) for compiled in (False, True))
+    assert_flights_alike(compiled, uncompiled)
     arrays = {"weights_0": np.hstack([0.1 * np.eye(3), 0.05 * np.eye(3)]), "biases_0": np.zeros(3)}
     network = with_policy(
         hover,
@@ -270,4 +270,4 @@ def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
         action={"kind": "acceleration"},
         observation={"signals": ["position_error", "velocity_error"]},
     )
-    np.testing.assert_allclose(simulate(network)["state"], wired["state"], atol=1e-9)
+    np.testing.assert_allclose(simulate(network)["state"], uncompiled["state"], atol=1e-9)

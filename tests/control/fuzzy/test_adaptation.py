@@ -100,7 +100,7 @@ def test_adapted_sets_stay_valid_for_any_learning_signal(seed, size):
             centres, widths = np.array(after.centres), np.array(after.widths)
             assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
-            # Every point belongs to a set, so no division by zero occurs.
+            # Every point belongs to at least one set, so no division by zero occurs.
             assert (widths[:-1] + widths[1:] >= 1.02 * np.diff(centres) - 1e-12).all()
             if isinstance(before, CircularSets):
                 assert widths[-1] + widths[0] >= 1.02 * (centres[0] + before.scale - centres[-1]) - 1e-12

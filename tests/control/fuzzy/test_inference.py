@@ -19,8 +19,8 @@ weights_of_lower = st.floats(0.0, 1.0)
 inputs_in_universe = st.floats(-1.0, 1.0)
 
 
-def sixteenths(least, most):
-    return st.integers(16 * least, 16 * most).map(lambda number: number / 16)
+def multiples_of_a_sixteenth(low, high):
+    return st.integers(16 * low, 16 * high).map(lambda number: number / 16)
 
 
 @st.composite
@@ -29,7 +29,9 @@ def fuzzy_sets(draw):
 
     Their centres are multiples of 1/16, so that the ends of their supports have no rounding errors.
     """
-    centres = np.cumsum([draw(sixteenths(-3, 3)), *draw(st.lists(sixteenths(1, 2), min_size=1, max_size=4))])
+    centres = np.cumsum(
+        [draw(multiples_of_a_sixteenth(-3, 3)), *draw(st.lists(multiples_of_a_sixteenth(1, 2), min_size=1, max_size=4))]
+    )
     gaps = np.diff(centres)
     # Each width exceeds half of the distance to either neighbour.
     widths = [max(gaps[max(i - 1, 0) : i + 1]) * draw(st.sampled_from([0.625, 1.0, 1.25])) for i in range(len(centres))]

@@ -52,10 +52,7 @@ def test_the_phase_restarts_with_each_lap():
 
 
 def test_type_1_firing_strengths_of_four_inputs_are_products_of_those_of_two_pairs():
-    """The firing strengths for four inputs are the products of those for the first two and those for the last two.
-
-    This does not hold for type 2, whose firing strengths are sums of two such products.
-    """
+    """The pairs are the first two and the last two inputs. Type 2 does not have this property."""
     rng = np.random.default_rng(4)
     sets = [FuzzySets(1.0 + 0.1 * n, tuple(np.linspace(-1.0, 1.0, n)), (1.3,) * n) for n in (2, 3, 4, 2)]
     for values in rng.uniform(-1.0, 1.0, (20, 4)).tolist():

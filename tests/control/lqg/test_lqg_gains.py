@@ -126,12 +126,13 @@ def test_commands_in_transit_act_after_the_delay(delay):
 
 
 def test_the_equilibrium_thrust_is_the_position_gain_divided_by_the_outer_gain():
-    """A position deviation p under constant commands leads to the specific thrust -K_p p / k, with the outer gain k."""
+    """In equilibrium, a position deviation p causes the specific thrust -K_p p / k, where k is the outer gain."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]
         loop = axis_loop(model, timing, noise=np.array(noise), command_weight=1e-3)
-        # In equilibrium K [x; u, u] + u = 0. The command u equals s for attitudes and thrusts, and is zero for torques.
+        # In equilibrium, the state x and the command u satisfy K [x; u, u] + u = 0. If u commands an attitude or a
+        # thrust, it equals the specific thrust s. If u commands a torque, it is zero.
         s, p = 1.0, 0.7
         u = 0.0 if name == "torque" else s
         rest = loop.K.position * p + loop.K.thrust * s + sum(loop.K_pending) * u + u

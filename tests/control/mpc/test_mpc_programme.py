@@ -115,7 +115,7 @@ def excess(values):
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
-def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states(kind):
+def test_horizontal_commands_agree_with_an_optimisation_over_simulated_states(kind):
     """Each limit applies at its tick, and the slack variables add their cost."""
     horizon = horizon_of(kind)
     axis, r = ExplicitAxis(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
@@ -210,7 +210,7 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
 
 
 @pytest.mark.parametrize("height", [0.35, -0.3])
-def test_vertical_commands_solve_the_same_problem_written_with_explicit_states(height):
+def test_vertical_commands_agree_with_an_optimisation_over_simulated_states(height):
     horizon = horizon_of("torques")
     axis, r = ExplicitAxis(MODELS["height"], COMMAND_WEIGHTS["vertical"]), horizon.preview.reference
     z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])
