@@ -151,7 +151,7 @@ def _source(name: str, step: Step, functions: Functions) -> str:
 
 
 def _constant(head: str, members: Mapping[str, Member], precision: Precision) -> str:
-    """Return the definition of a constant struct; members that are not given are zero."""
+    """Return the definition of a constant struct, whose other members are zero."""
     lines = [f"{head} = {{"]
     for name, (_, layout, values) in members.items():
         texts = [constant_text(value, precision) for value in values]

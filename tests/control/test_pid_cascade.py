@@ -291,7 +291,7 @@ def test_the_linear_model_has_the_period_of_a_cascade_that_is_slower_than_the_ti
         ({"control.velocity.integration": "backward_euler"}, "velocity.integration .* must be forward_euler"),
         (
             {"laboratory.autopilot": {"yaw_weight": 0.4, "attitude_terms": {"k_i": [1, 1, 1]}}},
-            "attitude_terms .* must be left out: with yaw_weight the attitude loop is proportional",
+            "attitude_terms .* must be left out, since an attitude loop with yaw_weight is proportional",
         ),
     ],
 )

@@ -193,7 +193,7 @@ def test_a_controller_without_formulas_is_refused_with_the_reason(tmp_path):
 def test_a_scenario_with_a_random_gain_is_refused(tmp_path):
     scenario = load_scenario("hover", ["control.position.k_p=[6, 6, {uniform: {min: 5, max: 7}}]"])
     with pytest.raises(
-        InputError, match=r"control\.position\.k_p.* is a distribution, but exported code contains a number"
+        InputError, match=r"control\.position\.k_p.* is a distribution, but exported code needs a fixed value"
     ):
         export_controller(scenario, tmp_path)
 
@@ -202,8 +202,8 @@ def test_a_scenario_with_a_random_gain_is_refused(tmp_path):
     ("options", "message"),
     [
         ({"precision": "half"}, "precision is 'half'; it must be one of double, single"),
-        ({"name": "my controller"}, "name is 'my controller'; it must be an identifier of C"),
-        ({"name": "double"}, "name is 'double'; it must be an identifier of C"),
+        ({"name": "my controller"}, "name is 'my controller'; it must be a C identifier"),
+        ({"name": "double"}, "name is 'double'; it must be a C identifier"),
     ],
 )
 def test_invalid_options_are_refused(options, message, tmp_path):

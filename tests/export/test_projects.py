@@ -477,12 +477,12 @@ SINGLE_PRECISION_PROJECTS = ["crazyflie", "px4", "arduino"]
 @pytest.mark.parametrize(
     ("projects", "changes", "message"),
     [
-        (["crazyflie"], {"name": "controller"}, "needs another --name than controller, which is a header"),
+        (["crazyflie"], {"name": "controller"}, "name controller is taken by a header of the firmware"),
         (SINGLE_PRECISION_PROJECTS, {"precision": "double"}, "needs --precision single"),
         (["crazyflie"], {"outputs": {"attitude_target": 7}}, "commands wrench, not attitude_target"),
         (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),
-        (["crazyflie"], {"period": 0.0125}, "a period of whole milliseconds, not 0.0125 s"),
-        (["px4", "ros2", "arduino"], {"period": 1.25e-5 / 3}, "a period of whole microseconds"),
+        (["crazyflie"], {"period": 0.0125}, "a period that is a whole number of milliseconds, not 0.0125 s"),
+        (["px4", "ros2", "arduino"], {"period": 1.25e-5 / 3}, "a period that is a whole number of microseconds"),
         (
             ["crazyflie", "px4", "ros2"],
             {"inputs": {"measurement": 12, "gyroscope": 3}},

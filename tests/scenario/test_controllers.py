@@ -64,7 +64,7 @@ def load(controller, *overrides):
         (
             "inputs.disturbance",
             "{}",
-            "disturbance .*must be left out: a position controller of kind pd estimates no disturbance",
+            "disturbance .*must be left out, since a position controller of kind pd estimates no disturbance",
         ),
         ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),

@@ -336,11 +336,11 @@ SHORT_STEP_OVERRIDE = "vehicle.time_step=0.0025"
         ),
         (
             [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "vehicle.rotor_failure={rotor: 1, time: 2}"],
-            "vehicle.rotor_failure is .*, but must be left out: .* of kind response does not model it",
+            "vehicle.rotor_failure is .*, but must be left out, since .* of kind response does not model it",
         ),
         (
             [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "vehicle.slung_load={mass: 0.05, length: 0.5}"],
-            "vehicle.slung_load is .*, but must be left out: .* of kind response does not model it",
+            "vehicle.slung_load is .*, but must be left out, since .* of kind response does not model it",
         ),
         (
             [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "laboratory.autopilot.damping.1=0"],

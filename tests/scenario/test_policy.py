@@ -216,11 +216,11 @@ INVALID_NETWORKS = {
     ),
     "too few rows": (
         {"weights_0": np.zeros((3, 5)), "biases_0": np.zeros(3)},
-        r"control.policy.layers.0.inputs is 5, but must be 6, the number of rows of this control's",
+        r"control.policy.layers.0.inputs is 5, but must be 6, the number of elements of this control's",
     ),
     "too many actions": (
         {"weights_0": np.zeros((4, 6)), "biases_0": np.zeros(4)},
-        r"control.policy.layers.0.outputs is 4, but must be 3, the number of rows of this control's",
+        r"control.policy.layers.0.outputs is 4, but must be 3, the number of elements of this control's",
     ),
     "layers whose sizes do not match": (
         {**NETWORK_ARRAYS, "weights_1": np.zeros((3, 5))},

@@ -73,7 +73,7 @@ AnyAction = Annotated[Action, ACTIONS]
 
 
 class ThrustAction(Action):
-    """Action whose first element is a thrust. The default range is not from the paper."""
+    """Action whose first element is a thrust."""
 
     min_thrust: FixedNonNegative = Field(
         default=0.0, description="thrust that an action of -1 commands, relative to the weight (1)"

@@ -45,15 +45,15 @@ class PolicyControl(Control):
     user_system_paths: ClassVar = {"policy": ("policy",)}
 
     @model_validator(mode="after")
-    def _has_rows(self) -> "PolicyControl":
+    def _network_has_right_size(self) -> "PolicyControl":
         """Raise an error if the network's inputs and outputs do not match the sizes of observation and action."""
         if self.policy is None:
             return self
         last = len(self.policy.layers) - 1
         rows = self.policy_rows()
-        for index, side, wanted in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
-            if getattr(self.policy.layers[index], side) != wanted:
-                demand = f"must be {wanted}, the number of rows of this control's observation or action"
+        for index, side, size in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
+            if getattr(self.policy.layers[index], side) != size:
+                demand = f"must be {size}, the number of elements of this control's observation or action"
                 raise self.field_error(demand, "policy", "layers", index, side)
         return self
 
@@ -112,7 +112,7 @@ class PolicyControl(Control):
         return self.action.commands == "rates"
 
     def ahead(self) -> tuple[float, ...]:
-        """Return the preview times, s after the present, at which the policy observes the reference."""
+        """Return the preview times of the policy: it observes the reference at these times after the present, s."""
         return self.observation.ahead
 
     def policy_rows(self) -> dict[str, int]:
