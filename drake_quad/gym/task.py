@@ -1,4 +1,4 @@
-"""Scenario of an environment. Its control is a policy whose actions are given to the environment."""
+"""Scenario of an environment, whose control is a policy without a network."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -228,7 +228,7 @@ def test_the_nominal_tracking_error_is_the_error_of_the_nominal_vehicle_in_the_s
         (
             "laboratory:nominal",
             ["laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"],
-            r"wind\.0 is a gust, which depends on time; the error can be predicted only",
+            r"wind\.0 is a gust, which depends on time; the tracking error can be predicted only",
         ),
         ("robustness", [], r"laboratory\.wind\.4 is a gust"),
         (
