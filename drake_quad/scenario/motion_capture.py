@@ -34,7 +34,7 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.sensors.aiding import AidingSensor, AidingUse
 
-# Even markers aligned by eye are aligned to within 20 degrees.
+# Markers that are aligned by eye are accurate to within 20°, or 0.35 rad.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 
@@ -83,7 +83,11 @@ class MotionCaptureSettings(AidingSensor, Model):
         return self.latency_frames
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> PoseAiding:
-        """Return the use of position and attitude, given the standard deviations of their components."""
+        """Return the parameters of the measurement equation for position and attitude.
+
+        Args:
+            deviations: standard deviations of each coordinate (m) and each angle (rad).
+        """
         position, attitude = deviations
         return PoseAiding(PositionAiding(position, position, position), AttitudeAiding(attitude))
 
@@ -92,7 +96,7 @@ class MotionCaptureSettings(AidingSensor, Model):
 
         Args:
             fleet: cameras in `Batch.fleet_scenario`, in which random fields are arrays.
-            reports_losses: True for an output port with the validity of the frames.
+            reports_losses: True to add an output port with the validity of the frames.
         """
 
         def any_of(*names: str) -> bool:

@@ -44,9 +44,9 @@ def load(controller, *overrides):
         (
             "inputs",
             "{error: null, error_rate: null}",
-            "inputs is .*, but must have one to four of error, .*, disturbance$",
+            "inputs is .*, but must have one to four of the inputs error, .*, disturbance$",
         ),
-        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must have one to four of"),
+        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must have one to four of the inputs"),
         ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must have 3 numbers, one for each centre"),
         ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must span less than one period"),
         ("inputs.phase", "{centres: [0, 0.4], widths: [0.3, 0.25]}", "sets at 0.4 and 1.0 overlap"),

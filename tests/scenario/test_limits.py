@@ -416,7 +416,7 @@ FAN_OVERRIDE = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s,
         ("metrics.end=1e6", "metrics.end is 1000000.0, but must be less than or equal to 86400"),
         (
             FAN_OVERRIDE % "[1e-320, 0, 0]",
-            r"wind.0.direction is \[1e-320, 0, 0\], but must have a component whose magnitude is always larger than",
+            r"wind.0.direction is \[1e-320, 0, 0\], but must have a component whose magnitude is at least",
         ),
         (FAN_OVERRIDE % "[{choice: [1e-320, 1]}, 0, 0]", r"wind.0.direction is .*, but must have a component"),
         (

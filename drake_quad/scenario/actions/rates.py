@@ -28,8 +28,8 @@ class RatesAction(ThrustAction):
     )
     k_rate: Gains | None = Field(
         default=None,
-        description="gain from the body rate error to an angular acceleration if there is no autopilot (1/s); by default,"
-        " k_d of the attitude controller",
+        description="gain from the body rate error to an angular acceleration if there is no autopilot (1/s); by"
+        " default, k_d of the attitude controller",
     )
     commands: ClassVar = "rates"
 

@@ -20,7 +20,7 @@ from drake_quad.vehicle.parameters import Inertia
 
 @ATTITUDE_CONTROLLERS.register
 class GeometricAttitude(AttitudeControllerSettings):
-    """PD controller of the rotation matrix error, which has no singularity. The thrust is projected on the measured z_B.
+    """PD controller of the rotation matrix error, which has no singularity. Thrust is projected on the measured z_B.
 
     With `euler_sequence: zxy`, `integration: backward_euler` and no transport term, it is the Lee controller of the
     Crazyflie firmware.

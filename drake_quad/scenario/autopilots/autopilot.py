@@ -27,7 +27,7 @@ class Autopilot(Model):
         period: period of the loops on board, s; None if there are no loops.
         command: name of the signal that the command link carries.
         accepts: types of commands that the autopilot accepts from a control on the ground.
-        feeds_forward: allowed values of the field `feed_forward` of a control. The field names the highest derivative of
+        feeds_forward: allowed values of the field `feed_forward` of a control, which names the highest derivative of
             the reference that is fed forward.
         noise_free: field values that remove the measurement noise.
         bias_free: field values that remove the measurement bias.

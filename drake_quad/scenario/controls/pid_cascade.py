@@ -138,7 +138,7 @@ class PidCascadeControl(Control):
         return 1 if self.period is None else round(self.period / tick)
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the autopilot does not control the attitude, or the period is not a multiple of a tick."""
+        """Raise a validation error if the autopilot does not control the attitude, or the period is not whole ticks."""
         laboratory = scenario.laboratory
         if not laboratory.autopilot.controls_attitude:
             demand = "must be a kind that controls the attitude, since control of kind pid_cascade commands an attitude"

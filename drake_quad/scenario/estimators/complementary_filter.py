@@ -30,7 +30,7 @@ class TimeConstantSettings(Model):
 
 
 class UnweightedAiding(Model):
-    """Use of a sensor that corrects the estimate."""
+    """Empty mapping, which selects a sensor to correct the estimate."""
 
 
 @ESTIMATORS.register

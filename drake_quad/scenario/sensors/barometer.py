@@ -64,5 +64,5 @@ class BarometerSettings(SensorSettings):
         return record_like(BarometerParameters, self, position=position, errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> HeightAiding:
-        """Return the use of a height."""
+        """Return the parameters of the measurement equation for the height, given its standard deviation (m)."""
         return HeightAiding(*deviations)

@@ -69,5 +69,9 @@ class GnssSettings(SensorSettings):
         return record_like(GnssParameters, self, position=position, errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> FixAiding:
-        """Return the use of a position and a velocity."""
+        """Return the parameters of the measurement equation for position and velocity.
+
+        Args:
+            deviations: standard deviations of the three coordinates (m) and of the three velocities (m/s).
+        """
         return FixAiding(PositionAiding(*deviations[:3]), VelocityAiding(*deviations[3:]))

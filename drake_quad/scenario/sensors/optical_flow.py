@@ -45,6 +45,6 @@ class OpticalFlowSettings(SensorSettings):
         return record_like(OpticalFlowParameters, self, position=relative_to_centre(self.position, vehicle))
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> FlowAiding:
-        """Return the use of the flow."""
+        """Return the parameters of the measurement equation for the flow, given its standard deviation (rad/s)."""
         (deviation,) = deviations
         return FlowAiding(deviation, self.ground)

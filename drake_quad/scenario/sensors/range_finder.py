@@ -46,6 +46,9 @@ class RangeFinderSettings(SensorSettings):
         return record_like(RangeFinderParameters, self, position=relative_to_centre(self.position, vehicle))
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> GroundAiding:
-        """Return the use of a distance to the ground. By default, its standard deviation is that at 1 m."""
+        """Return the parameters of the measurement equation for the distance to the ground.
+
+        The standard deviation does not depend on the distance. By default, it is the standard deviation at 1 m.
+        """
         (deviation,) = deviations
         return GroundAiding(deviation, self.ground)

@@ -35,8 +35,7 @@ class UwbRangeSettings(SensorSettings):
     )
     outlier_size: Annotated[NonNegative, needs("outlier_rate")] = Field(
         default=0.0,
-        description="size of outliers, which is the standard deviation of the normal number whose magnitude is added to"
-        " the distance (m)",
+        description="standard deviation of a normal random number, whose magnitude an outlier adds to the distance (m)",
     )
     law: ClassVar = UWB_RANGE
     nonlinear: ClassVar = {"outlier_rate": 0.0}
@@ -50,6 +49,6 @@ class UwbRangeSettings(SensorSettings):
         return record_like(UwbParameters, self, anchor=Anchor(*self.anchor), position=position, errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> AnchorAiding:
-        """Return the use of a distance to the anchor."""
+        """Return the parameters of the measurement equation for the distance, given its standard deviation (m)."""
         (deviation,) = deviations
         return AnchorAiding(deviation, Vector(*self.anchor))
