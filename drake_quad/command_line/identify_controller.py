@@ -22,6 +22,7 @@ from drake_quad.identification.position_law.law import PositionLaw, identify_pos
 from drake_quad.scenario.files.loading import Override
 from drake_quad.statistics.interval import plus_minus
 
+# Description of each form of a position law, which relates its output to the commands of attitude and thrust.
 _FORM_DESCRIPTIONS = {
     "acceleration": "thrust along the commanded attitude",
     "heading": "thrust along the commanded roll and pitch at the measured yaw",

@@ -30,7 +30,7 @@ def bare_parser(description: str | None, example: str) -> argparse.ArgumentParse
 
     Args:
         description: description of the command.
-        example: complete command line as an example; its first two words are the name of the command.
+        example: complete command line, such as `drake-quad fly slalom`. Its first two words name the command.
     """
     result = Parser(
         prog=" ".join(example.split()[:2]),
@@ -50,8 +50,8 @@ def parser(
 
     Args:
         description: description of the command.
-        example: complete command line as an example; its first two words are the name of the command.
-        output: parent of the default output folder, which has the name of the scenario.
+        example: complete command line, such as `drake-quad fly slalom`. Its first two words name the command.
+        output: folder in which the default output folder is created. The latter is named after the scenario.
         scenario: name of the default scenario.
     """
     result = bare_parser(description, example)
@@ -114,7 +114,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
         InputError: if the path is not a Python file, the file raises an error, or another module has the same name.
     """
     if path.suffix != ".py" or not path.is_file():
-        raise InputError(f"{path}: is not an existing Python file")
+        raise InputError(f"{path} is not an existing Python file")
     loaded = sys.modules.get(path.stem)
     if loaded is not None and getattr(loaded, "__file__", None) != str(path.resolve()):
         raise InputError(f"{path}: another module is also called {path.stem}; rename the file")
@@ -200,7 +200,7 @@ def check_metric(
     names = [*metric_definitions(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
         known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
-        raise InputError(f"{option} {name}: is not a metric of {scenario.name}; {known}")
+        raise InputError(f"{option}: {name} is not a metric of {scenario.name}; {known}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:
@@ -213,7 +213,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def parse_overrides(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return overrides for assignments such as `vehicle.mass=0.7`, whose error messages contain the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`. Their error messages name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
@@ -282,8 +282,8 @@ def parse_controller(spec: str, scenario: str, machine: str = "host") -> NamedCo
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
     """
-    spec, *assignments = re.split(_ASSIGNMENTS, spec.strip())
-    found = _unchanged_controller(spec, scenario, machine)
+    spec, *assignments = re.split(_ASSIGNMENT_SEPARATOR, spec.strip())
+    found = _controller_without_assignments(spec, scenario, machine)
     values = [f"_{path.split('.')[-1]}_{value}" for path, _, value in (each.partition("=") for each in assignments)]
     suffix = re.sub(r"[^A-Za-z0-9.-]+", "_", "".join(values)).rstrip("_")
     return found._replace(
@@ -291,12 +291,12 @@ def parse_controller(spec: str, scenario: str, machine: str = "host") -> NamedCo
     )
 
 
-# Separates the name of a controller and the assignments of fields that follow it.
-_ASSIGNMENTS = r"\s+(?=[\w.]+=)"
+# Space between the name of a controller and the assignments of fields that follow it.
+_ASSIGNMENT_SEPARATOR = r"\s+(?=[\w.]+=)"
 
 
-def _unchanged_controller(spec: str, scenario: str, machine: str) -> NamedController:
-    """Return the controller that `--controller` names, without assignments.
+def _controller_without_assignments(spec: str, scenario: str, machine: str) -> NamedController:
+    """Return the controller that `--controller` names before any assignments.
 
     The arguments are as in `parse_controller`.
     """
@@ -362,10 +362,10 @@ def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedCon
     controllers: dict[str, NamedController] = {}
     for spec in specs:
         if spec in controllers:
-            raise InputError(f"--controller {spec}: is given twice")
+            raise InputError(f"--controller {spec} is given twice")
         names, controller = [each.name for each in controllers.values()], parse_controller(spec, scenario)
         if controller.name in names:
-            file = Path(re.split(_ASSIGNMENTS, spec)[0].rpartition(":")[0]).stem
+            file = Path(re.split(_ASSIGNMENT_SEPARATOR, spec)[0].rpartition(":")[0]).stem
             controller = controller._replace(name=f"{file}_{controller.name}".lstrip("_"))
         if controller.name in names:
             raise InputError(
@@ -411,7 +411,7 @@ def remark_replaced_distributions(
         controlled: scenario with the controller and the overrides.
         overrides: overrides of the scenario, without those of the controller.
     """
-    # Overrides of the control may name fields that only the new controller has.
+    # Overrides of `control` are left out, since they may name fields that only the new controller has.
     fields = tuple(override.assignment.partition("=")[0].strip() for override in overrides)
     others = [each for each, field in zip(overrides, fields, strict=True) if not field.startswith("control")]
     with suppress(InputError):  # the scenario may be incomplete without the controller

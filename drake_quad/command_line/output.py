@@ -69,7 +69,9 @@ def print_joint_disk_margin(margin: Any) -> None:
 
 
 def print_scales(name: str, found: "Certificate") -> None:
-    """Print the scale of all random parameters up to which hover is stable, and the scales at which it fails.
+    """Print the scale up to which hover is certified to be stable, and the scales at which it fails.
+
+    The ranges of all random parameters are multiplied by the scale.
 
     Args:
         name: name of the scenario.

@@ -57,7 +57,7 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{self.prog} has no option {shorten_text(name)}; {question or advice}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Exit with an error message that suggests the nearest choice if a value is not among an argument's choices."""
+        """Exit with an error message that suggests the nearest choice, unless a value is one of the choices."""
         if action.choices is None or value in action.choices:
             return
         kind = f"value of {action.option_strings[-1]}" if action.option_strings else action.dest

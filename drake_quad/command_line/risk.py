@@ -115,7 +115,7 @@ def parse_percent(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 < value < 100.0:
-        raise InputError(f"--to {short_repr(text)}: must be a percentage above 0 %, as in 30%")
+        raise InputError(f"--to {short_repr(text)} must be a percentage above 0 %, as in 30%")
     return value
 
 

@@ -469,9 +469,9 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         (
             "tune",
             ["--tune", "vehicle.mass"],
-            "--tune vehicle.mass: must be a field of `control` whose value is a number above 0",
+            "--tune vehicle.mass must name a field of `control` whose value is a number above 0",
         ),
-        ("tune", ["--tune", "control.position.kind"], "must be a field of `control` whose value is a number above 0"),
+        ("tune", ["--tune", "control.position.kind"], "must name a field of `control` whose value is a number above 0"),
         ("tune", ["--tune", "control.position.k_q"], "the scenario has no field control.position.k_q"),
         (
             "tune",
@@ -501,7 +501,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
             "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains",
         ),
         ("map", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
-        ("map", ["--quick", "--worst", "control.position.k_p.0=3"], "must be a field of vehicle or lab"),
+        ("map", ["--quick", "--worst", "control.position.k_p.0=3"], "must change a field of vehicle or lab"),
         (
             "map",
             ["--quick", "--worst", "vehicle.mas=1"],
@@ -942,7 +942,7 @@ def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
         ([CRAZYFLIE_LOG, "--mass", "-1"], "--mass -1"),
         (
             [CRAZYFLIE_LOG, "--wind", "1,2"],
-            "--wind '1,2': must be three numbers between -100 and 100 m/s, as in -8.5,0,0",
+            "--wind '1,2' must be three numbers between -100 and 100 m/s, as in -8.5,0,0",
         ),
         (
             [CRAZYFLIE_LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
@@ -979,7 +979,7 @@ def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_against_a_par
     assert (tmp_path / "results.parquet").stat().st_size > 1000
     refused = monte_carlo(run, tmp_path / "none", "--over", "vehicle.gravity")
     assert (refused.returncode, refused.stdout) == (2, "")
-    refusal = "--over vehicle.gravity: is not a random parameter of robustness; did you mean vehicle.mass?"
+    refusal = "--over: vehicle.gravity is not a random parameter of robustness; did you mean vehicle.mass?"
     assert refusal in refused.stderr
 
 

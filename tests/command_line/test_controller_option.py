@@ -118,7 +118,7 @@ def test_a_whole_control_in_python_replaces_the_cascade(controller_file) -> None
         ("{mine}:Other", "has no class Other"),
         ("{mine}", "give the class of the controller as well"),
         ("{mine}:Gains", "Gains has no output port `acceleration_command`"),
-        ("absent.py:Mine", "absent.py: is not an existing Python file"),
+        ("absent.py:Mine", "absent.py is not an existing Python file"),
     ],
 )
 def test_an_invalid_controller_is_refused_with_the_name_of_the_option(controller_file, spec: str, message: str) -> None:
@@ -275,7 +275,7 @@ def test_controllers_with_equal_names_are_distinguished_by_their_files_or_their_
     names = [each.name for each in named_controllers(specs, "hover").values()]
     assert names == ["pd", "laboratory_pd", "Mine", "Mine_k_p_0.4", "Mine_k_p_1_2_mass_0.7"]
     assert all(re.fullmatch(NAME, name) for name in names)
-    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd is given twice"):
         named_controllers(["controllers/paper:pd"] * 2, "hover")
 
 

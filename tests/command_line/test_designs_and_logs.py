@@ -141,7 +141,7 @@ def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides,
         "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
     )
     remarks = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
-    words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
+    words = r"will hover \d+ cm from its reference, because .*; --integral adds one to the position loops"
     assert [bool(re.search(words, sentence)) for sentence in remarks] == [True] * is_remarked
 
 

@@ -39,7 +39,7 @@ def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
         (VARIED[:4], "--vary is given 1 times, but a map has two axes; give it twice"),
         ([*VARIED, "--k-p", "0", "1"], "--k-p is an option of maps of gains; leave it out with --vary"),
         ([*VARIED, "--loop", "attitude"], "--loop is an option of maps of gains; leave it out with --vary"),
-        ([*VARIED, "--metric", "height"], "--metric height: is not a metric of upset"),
+        ([*VARIED, "--metric", "height"], "--metric: height is not a metric of upset"),
         ([*VARIED[:4], "--vary", "initial.attitude.0", "-1", "1"], "both axes of the map are initial.attitude.0"),
         ([*VARIED[:4], "--vary", "initial.attitude.0", "1", "-1"], "initial.attitude.0"),
         ([*VARIED[:4], "--vary", "vehicle.masss", "1", "2"], "masss"),

@@ -113,7 +113,7 @@ def test_each_controller_is_combined_with_each_laboratory():
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd is given twice"):
         compare.scenarios_from_arguments(twice)
 
 
@@ -227,7 +227,7 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
         with pytest.raises(InputError, match=words):
             tune.parse_tuning_parameter(f"{pair}={ends}", scenario)
     for path in ("vehicle.mass", "control.kind"):
-        with pytest.raises(InputError, match="must be a field of `control` whose value is a number above 0"):
+        with pytest.raises(InputError, match="must name a field of `control` whose value is a number above 0"):
             tune.parse_tuning_parameter(f"control.position.k_p.0,{path}", scenario)
     integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
     with pytest.raises(InputError, match="a number above 0"):
@@ -398,7 +398,7 @@ def test_a_single_remark_reports_several_studies_without_random_parameters(capsy
     assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
     with pytest.raises(
-        InputError, match="--over vehicle.mass: is not a random parameter of pd; its random parameters are: none"
+        InputError, match="--over: vehicle.mass is not a random parameter of pd; its random parameters are: none"
     ):
         study.scenarios_from_arguments(given)
     given.scenario, given.controller = "robustness", []
@@ -818,7 +818,7 @@ def test_scenarios_are_named_after_their_controllers():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd is given twice"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 

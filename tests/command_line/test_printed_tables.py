@@ -705,6 +705,6 @@ def test_a_range_of_gains_must_be_nonnegative_and_increasing():
     assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
         with pytest.raises(
-            InputError, match="--k-p is .*, but must be two gains, the first at least 0, and the second larger"
+            InputError, match="--k-p .*: the first gain must be at least 0, and the second must be larger than it"
         ):
             stability_map._grid("--k-p", limits, 5)

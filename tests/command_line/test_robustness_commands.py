@@ -78,7 +78,7 @@ def test_studies_with_sobol_draws_state_their_replicates(run, tmp_path):
     options = ["--samples", "64", "--draws", "sobol", "--workers", "1", "--output", tmp_path]
     result = run("study", *HOVER, *options)
     assert result.returncode == 0
-    assert "sobol draws in 16 independent replicates of 4 samples, which give the intervals" in result.stdout
+    assert "sobol draws in 16 independent replicates of 4 samples, from which the intervals follow" in result.stdout
     assert load_scenario(tmp_path / "scenario.yaml").draws.kind == "sobol"
     other = ["--set", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}", "--resume"]
     refused = run("study", *HOVER, *options, *other)
@@ -116,15 +116,15 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
             "draws.size is 3, but must be a power of two for sobol",
         ),
         (["risk", "hover", "--event", "peak > 1"], "there is no metric called"),
-        (["risk", "hover", "--to", "much"], "--to 'much': must be a percentage above 0 %, as in 30%"),
+        (["risk", "hover", "--to", "much"], "--to 'much' must be a percentage above 0 %, as in 30%"),
         (["risk", *HOVER, "--population", "505"], "size is 505, but must be a multiple of 10"),
         (["falsify", *HOVER, "--flights", "100"], "--flights 100: one generation needs 250 candidates"),
-        (["falsify", *HOVER, "--maximize", "rms"], "--maximize rms: is not a metric of hover; did you mean rmse"),
+        (["falsify", *HOVER, "--maximize", "rms"], "--maximize: rms is not a metric of hover; did you mean rmse"),
         (["falsify", "hover"], "hover contains no distribution"),
         (["certify", "hover"], "hover contains no distribution; give ranges of fields, as in --vary"),
-        (["certify", "hover", "--vary", "vehicle.mass=0.1"], "--vary vehicle.mass=0.1: must be FIELD=PERCENT%"),
+        (["certify", "hover", "--vary", "vehicle.mass=0.1"], "--vary vehicle.mass=0.1 must have the form FIELD="),
         (["certify", "hover", "--vary", "vehicle.battery_sag=5%"], "vehicle.battery_sag is 0"),
-        (["sobol", *HOVER, "--metric", "rms"], "--metric rms: is not a metric of hover; did you mean rmse"),
+        (["sobol", *HOVER, "--metric", "rms"], "--metric: rms is not a metric of hover; did you mean rmse"),
         (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
     ],
 )
