@@ -195,7 +195,8 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
     if (draws := study.scenario.draws) is not None:
         count = len({*draws.replicates(study.samples)})
         print(
-            f"{draws.kind} draws in {count} independent replicates of {draws.size} samples, from which the intervals follow"
+            f"{draws.kind} draws in {count} independent replicates of {draws.size} samples, from which the intervals"
+            " follow"
         )
     print_summary(metric_table(study))
     if study.scenario.requirements:

@@ -365,7 +365,7 @@ def test_judge_refuses_a_controller_that_is_given_twice(controller_file) -> None
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in CONTROLLER_NAMES
     assert CONTROLLER_NAMES["Mine"] == "Mine"
-    with pytest.raises(InputError, match=f"--controller {controller_file}:Mine: is given twice"):
+    with pytest.raises(InputError, match=f"--controller {controller_file}:Mine is given twice"):
         user_controllers([f"{controller_file}:Mine", f"{controller_file}:Mine"])
 
 

@@ -200,7 +200,7 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     (tmp_path / "broken.py").write_text("1 / 0", encoding="utf-8")
     (tmp_path / "random.py").write_text("", encoding="utf-8")
     for given, words in (
-        ("none.py", "none.py is not an existing Python file"),
+        ("none.py", " is not an existing Python file"),
         ("broken.py", ":1: ZeroDivisionError: division by zero"),
         ("random.py", ": another module is also called random; rename the file"),
     ):
