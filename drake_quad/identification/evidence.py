@@ -1,9 +1,9 @@
 """Information that flight windows contain about the parameters, and uncertainty of the estimates.
 
 To first order around the estimate, a window with whitened errors e and derivatives J adds H_w = Jᵀ J to the information
-and g_w = Jᵀ e to the score, the gradient of ½ eᵀ e. If model and noise were correct, the covariance of the estimate θ would be H⁻¹ with H = Σ H_w.
-Model errors last for seconds, however, so the errors of neighbouring windows are correlated. The covariance is
-therefore computed by the jackknife over blocks of adjacent windows,
+and g_w = Jᵀ e to the score, the gradient of ½ eᵀ e. If model and noise were correct, the covariance of the estimate θ
+would be H⁻¹ with H = Σ H_w. Model errors last for seconds, however, so the errors of neighbouring windows are
+correlated. The covariance is therefore computed by the jackknife over blocks of adjacent windows,
 
     θ₋ᵦ - θ = (H - H_b)⁻¹ g_b,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ,
 
@@ -103,9 +103,8 @@ def ratio(numerator: np.ndarray, denominator: np.ndarray, default: float) -> np.
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return the effective number of blocks (p,) that determine each parameter, between 1 and B.
 
-    The number is (Σ c_b)² / Σ c_b², where c_b is the diagonal of H⁻¹ H_b H⁻¹. The number is 1 for a
-    parameter that influences no block. The estimate of such a parameter is its prior mean, and is reported as not
-    identified.
+    The number is (Σ c_b)² / Σ c_b², where c_b is the diagonal of H⁻¹ H_b H⁻¹. The number is 1 for a parameter that
+    influences no block. Such a parameter keeps its prior mean, and is reported as not identified.
 
     Args:
         information: (B, p, p) information H_b of the blocks.

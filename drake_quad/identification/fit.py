@@ -41,8 +41,8 @@ _MAX_GAIN_RATIO = 3.0
 # Rounds of the fit in which smaller disturbing forces and torques are tried: at the start, and when the parameters have
 # nearly converged.
 _TRIAL_ROUNDS = (1, 4)
-# Factors by which a trial multiplies the standard deviations of the disturbance (force along x, y, z, torque about x, y,
-# z). The trials are needed because Fisher scoring needs many steps if the disturbance is far too large.
+# Factors by which a trial multiplies the standard deviations of the disturbance (force along x, y, z, torque about x,
+# y, z). The trials are needed because Fisher scoring needs many steps if the disturbance is far too large.
 _TORQUE_REDUCTION = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _FORCE_REDUCTION = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
@@ -349,8 +349,8 @@ def _best_point(
     first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
     if np.isfinite(min_likelihood):
         point, residuals, _ = evaluate(first)
-        # If the errors are linear in the parameters, the fit reduces all condensed residuals to zero except the last one,
-        # which does not depend on the parameters.
+        # If the errors are linear in the parameters, the fit reduces all condensed residuals to zero except the last
+        # one, which does not depend on the parameters.
         predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
         if point.likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
             return point

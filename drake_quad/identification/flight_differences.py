@@ -1,8 +1,8 @@
 """Differences between flights of the same vehicle: thrust, trim force and wind of each flight.
 
 Even in the same mean wind, the mean force on a vehicle differs between flights by several per cent of its weight: the
-battery is mounted in another position, propellers are replaced, or motors are warm. A fit to all flights estimates the mean of
-the flights. This module estimates the deviation of each flight from this mean.
+battery is mounted in another position, propellers are replaced, or motors are warm. A fit to all flights estimates the
+mean of the flights. This module estimates the deviation of each flight from this mean.
 
 Let θ be the estimates from all flights, and let H_w and g_w be the information and the score of window w. The thrust of
 flight f, divided by the thrust with the parameters θ, is 1 + s_f. Here s_f is the Gauss-Newton step along the direction
@@ -159,7 +159,8 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
     scores = sums_over_blocks(np.einsum("wki,wk->wi", design, errors) / scale**2, blocks)
     uncertainty = jackknife(information, scores)
     return {
-        name: _estimated_value(value, uncertainty, i, "N") for i, (name, value) in enumerate(zip(names, values, strict=True))
+        name: _estimated_value(value, uncertainty, i, "N")
+        for i, (name, value) in enumerate(zip(names, values, strict=True))
     }
 
 

@@ -27,7 +27,7 @@ _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0,
 # Matrix from the coefficients of the thrust curve to the thrust at zero throttle, and the slopes of the curve at zero
 # and at full throttle. None of them is negative.
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
-# Lower limit of a second moment, relative to the smallest initial moment of inertia, so that no moment of inertia becomes
+# Lower limit of a second moment, relative to the smallest initial moment of inertia, so that no moment of inertia is
 # zero. If the initial moments of inertia imply a smaller second moment, as for a flat vehicle, that value is the limit.
 _MIN_SECOND_MOMENT = 1e-3
 # Upper limit of the thrust at zero throttle, relative to the thrust of a rotor in hover.

@@ -114,7 +114,8 @@ class Gains(NamedTuple):
         transition: (T, W, n, n) transition matrices to the next measurement.
         output: (T, W, m, n) derivatives of the outputs with respect to the state.
         errors: (T, m, W) prediction errors.
-        disturbance: (T, n, W) predicted disturbance at the next measurement; the rows of all other state components are 0.
+        disturbance: (T, n, W) predicted disturbance at the next measurement; the rows of all other state components are
+            0.
         initial_covariance: (W, n, n) covariance of the state at the first measurement.
         final_covariance: (W, n, n) covariance of the state at the measurement where the next window starts.
         noise: noise for which the gains were computed.
@@ -139,8 +140,8 @@ class InitialStates(NamedTuple):
         jacobian: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives with respect to the parameters.
         parameters: (p,) parameters for which `state` holds.
         covariance: (W, n, n) covariances of continued windows.
-        continued: (W,) mask of the windows that start in the final state of the preceding window. All other
-            windows start with the uncertain initial state.
+        continued: (W,) mask of the windows that start in the final state of the preceding window. All other windows
+            start with the uncertain initial state.
     """
 
     state: np.ndarray
@@ -214,7 +215,9 @@ class Predictor:
         shared = {"position": (0, 0, 0), "attitude": (0, 0, 0)}
         names = [f"{signal}{shared.get(signal, (0, 0, 2))[column]}" for signal, column in self.outputs]
         names += [
-            f"{name}{axis}" for name in ("force", "torque", "force correlation time", "torque correlation time") for axis in (0, 0, 2)
+            f"{name}{axis}"
+            for name in ("force", "torque", "force correlation time", "torque correlation time")
+            for axis in (0, 0, 2)
         ]
         return np.unique(names, return_inverse=True)[1]
 
@@ -371,12 +374,12 @@ class Predictor:
         Args:
             parameters: (p,) parameters.
             gains: gains of the filter.
-            steps: numbers of samples from that measurement to the later times, in increasing order, at most the length of
-                the windows.
+            steps: numbers of samples from that measurement to the later times, in increasing order, at most the length
+                of the windows.
 
         Returns:
-            (12, 2, W) states, without and with the disturbance, at the last measurement and after each number of samples
-            in `steps`. They are the states that motion capture would measure.
+            (12, 2, W) states, without and with the disturbance, at the last measurement and after each number of
+            samples in `steps`. They are the states that motion capture would measure.
         """
         flight, state = self._begin(np.stack([parameters, parameters]))
         decay, states = gains.noise.decay(self.period)[:, None, None], []
@@ -395,7 +398,7 @@ class Predictor:
         return states
 
     def _measured(self, state: np.ndarray) -> np.ndarray:
-        """Return the states (12, K, W) that motion capture would measure for states (components, K, W) of the filter."""
+        """Return the states (12, K, W) that motion capture would measure, for states (components, K, W)."""
         body = state[:NUM_BODY]
         return self.model.measured_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 
@@ -407,8 +410,8 @@ class Predictor:
         The errors are linearised around the predictions of the filter.
 
         Let A be the transition matrix, C the output matrix, K the gain for the first noise, r the decay factor of the
-        disturbance divided by the decay factor in the filter, and F = r A (I - K C). If the first noise is replaced by another one, the covariance of the state changes
-        by
+        disturbance divided by the decay factor in the filter, and F = r A (I - K C). If the first noise is replaced by
+        another one, the covariance of the state changes by
 
             ΔP⁺ = F ΔP Fᵀ + r A K ΔR (r A K)ᵀ + Δ(r rᵀ) A P Aᵀ + ΔQ,
 
@@ -421,7 +424,7 @@ class Predictor:
             window_indices: indices of w windows.
 
         Returns:
-            (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements after the settling time.
+            (T, C, w, m) errors and (T, C, w, m, m) covariances of the errors, for the T measurements after settling.
         """
         n, m, W = len(self.rows), len(self.outputs), len(window_indices)
         # These are the decay factors with each noise, relative to the decay factors of the filter with `gains.noise`.
@@ -525,7 +528,9 @@ class _OtherNoises:
         covariance_changes = _right_product(cross, output) + self._measured_changes
         weighted_errors = np.linalg.solve(update.error_covariance, errors).swapaxes(-1, -2)
         changes_of_errors = shifts + _left_product(weighted_errors, covariance_changes)[:, 0]
-        self._deviations += _left_product(weighted_errors, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(-1, -2)
+        self._deviations += _left_product(weighted_errors, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(
+            -1, -2
+        )
         scaled = self._ratio[:, None] * transition
         self._deviations = self._deviations @ scaled.swapaxes(-1, -2)
         self._deviations += self._ratio_changes * disturbed.swapaxes(-1, -2)

@@ -79,8 +79,8 @@ class PreparedLogs(NamedTuple):
         """Voltage for which the thrust curve holds, V.
 
         The voltage is `motors.voltage` of the vehicle. If this is not set, it is the voltage of the full battery, or
-        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no motor
-        throttles, or if a log lacks the voltage.
+        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no motor throttles,
+        or if a log lacks the voltage.
         """
         if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
             return None

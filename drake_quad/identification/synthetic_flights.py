@@ -1,10 +1,10 @@
-"""Simulated flights of vehicles with known parameters, as a test of identification.
+"""Simulated flights of vehicles with known parameters, for tests of identification.
 
 A vehicle with random parameters flies past waypoints with changing yaw. The simulation includes the noise, delays and
-packet losses of a laboratory. As in a laboratory, the log contains the camera measurements and the commands.
-`SYNTHETIC_FLIGHTS` contains six conditions:
+packet losses of a laboratory. The log contains only the camera measurements and the commands. `SYNTHETIC_FLIGHTS`
+contains six conditions:
 
-- calm: the laboratory of the paper without wind, with rotor speed commands,
+- calm: the laboratory of `diagrams/laboratory.yaml` without wind, with rotor speed commands,
 - wind: the same laboratory in low wind that is not logged,
 - delay: the same laboratory in calm air, with camera frames that are 30 ms older,
 - autopilot: attitude and thrust commands to the autopilot of Neural-Fly's vehicle,
@@ -44,10 +44,10 @@ _FULL_THRUST = 14.27
 
 
 class SyntheticFlights(NamedTuple):
-    """Flights under one condition.
+    """Simulated flights under one condition.
 
     Attributes:
-        scenario: scenario in `diagrams/`.
+        scenario: FILE:NAME of the scenario in `diagrams/`.
         seconds: time from one waypoint to the next, s.
         overrides: overrides of the scenario that set the condition and the distributions of the parameters.
         nominal: overrides of the scenario that set the initial values of the identification.

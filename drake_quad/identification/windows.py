@@ -79,8 +79,8 @@ def airborne_mask(record: FlightRecord) -> np.ndarray:
     """Return a mask (n,) of the samples in which the vehicle is airborne and its attitude is usable.
 
     The vehicle counts as airborne while the mean of its commands over one second is at least half of the median of the
-    positive commands. The first and last second of each flight are excluded. Samples within a second of a collision, or of a pitch beyond 75°,
-    are excluded as well. Beyond this pitch, roll and yaw are mostly noise.
+    positive commands. The first and last second of each flight are excluded. Samples within a second of a collision, or
+    of a pitch beyond 75°, are excluded as well. Beyond this pitch, roll and yaw are mostly noise.
     """
     command = commanded_effort(record)
     flying = np.ones(len(record.time), dtype=bool)

@@ -1,4 +1,4 @@
-"""Contradicting signals of a log are reported with a probable cause; consistent ones are not."""
+"""Tests that contradictory signals of a log are reported with a probable cause, and consistent ones are not."""
 
 import functools
 import math
@@ -157,7 +157,7 @@ def test_grid_values_are_means_over_grid_steps_in_the_middle_of_the_log(period, 
     np.testing.assert_allclose(np.diff(middles), grid.step)
     assert np.mean(middles) == pytest.approx(0.5 * seconds, abs=2.0 * grid.step)
     # A window has at least one step.
-    assert (grid.samples(1e-3), grid.samples(0.6)) == (1, round(0.6 / grid.step))
+    assert (grid.num_steps(1e-3), grid.num_steps(0.6)) == (1, round(0.6 / grid.step))
     # A vehicle at constant velocity does not accelerate, so the grid does not count as moving.
     assert not grid.is_moving
     assert _on_grid({"position": np.zeros((49, 3))}, 0.01 * np.arange(49.0)) is None
@@ -540,7 +540,7 @@ def test_a_body_force_is_compared_at_the_attitude_in_the_middle_of_a_window():
     """With exact signals, expected and measured force differ only because the attitude changes within a window."""
     grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
     pair = _force_in_body(grid)
-    means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
+    means = grid.mean(grid.signals["specific_force"], grid.num_steps(0.2))[:, :2]
     np.testing.assert_allclose(pair.measured, means[: len(pair.measured)])
     size = np.std(pair.measured, axis=0)
     assert np.all(np.std(pair.measured - pair.expected, axis=0) < 0.04 * size)

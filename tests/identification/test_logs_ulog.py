@@ -1,4 +1,4 @@
-"""PX4's ULog: values in NED and FRD are converted to the frames of this library, and to one clock."""
+"""Tests that PX4's ULog is converted from NED and FRD to the frames of this library, and to one clock."""
 
 import sys
 from pathlib import Path
@@ -10,7 +10,7 @@ import pyulog
 from written_logs import DATA, message, quaternion_of, ulog
 
 from drake_quad import InputError
-from drake_quad.identification.logs.formats.ulog import _chain_of, _dropouts
+from drake_quad.identification.logs.formats.ulog import _dropouts, _intact_start_of
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.windows import segment_numbers
@@ -253,7 +253,9 @@ def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
         parameters |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y}
     known = read(ulog(motors, parameters=parameters))
     np.testing.assert_allclose(known.motor_command[0], [0.4, 0.3, 0.2, 0.1], rtol=1e-6)
-    assert said(known, "PX4's rotors 1 to 4 are rotors 4, 3, 2, 1 of this library, by the parameters CA_ROTOR0_PX")
+    assert said(
+        known, "PX4's rotors 1 to 4 are rotors 4, 3, 2, 1 of this library, according to the parameters CA_ROTOR0_PX"
+    )
     named = read(ulog(motors, parameters=parameters), "px4")
     np.testing.assert_array_equal(named.motor_command, known.motor_command)
     assert named.remarks == known.remarks
@@ -281,13 +283,13 @@ def status(*values):
 @pytest.mark.parametrize(
     ("topics", "parameters", "words"),
     [
-        ({}, {"MAV_TYPE": 13}, "a hexarotor, by the parameter MAV_TYPE, 13"),
-        ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL, by the parameter MAV_TYPE, 22"),
-        ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane, by the parameter CA_AIRFRAME, 1"),
-        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle with 6 rotors, by the parameter CA_ROTOR_COUNT"),
-        (status(1, False, 14, False), {}, "an octorotor, by vehicle_status.system_type, 14"),
-        (status(2, False, 0, False), {}, "an aeroplane, by vehicle_status.vehicle_type, 2"),
-        (status(1, True, 0, False), {}, "a VTOL, by vehicle_status.is_vtol"),
+        ({}, {"MAV_TYPE": 13}, "a hexarotor (the parameter MAV_TYPE is 13)"),
+        ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL (the parameter MAV_TYPE is 22)"),
+        ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane (the parameter CA_AIRFRAME is 1)"),
+        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle with 6 rotors (the parameter CA_ROTOR_COUNT is 6)"),
+        (status(1, False, 14, False), {}, "an octorotor (vehicle_status.system_type is 14)"),
+        (status(2, False, 0, False), {}, "an aeroplane (vehicle_status.vehicle_type is 2)"),
+        (status(1, True, 0, False), {}, "a VTOL (vehicle_status.is_vtol is 1)"),
     ],
 )
 def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, topics, parameters, words):
@@ -319,8 +321,12 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
     ("parameters", "fractions", "words"),
     [
         ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since the log contains no such parameter"),
-        ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by the parameters PWM_MAIN_MIN"),
-        ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by"),
+        (
+            {"PWM_MIN": 1075, "PWM_MAX": 1950},
+            (0.0, 0.0, 0.5, 1.0),
+            "1075 to 1950 µs, according to the parameters",
+        ),
+        ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, according to"),
         (
             {"PWM_MIN": 1075, "PWM_MAX": 1950, "PWM_MAIN_MIN3": 1025, "PWM_MAIN_MAX3": -1},
             (0.0, 0.0, 0.5, 1.0),
@@ -462,6 +468,6 @@ COMPLETE_SIZE = len(HEADER_AND_TWO_MESSAGES)  # bytes; the file is complete up t
     ],
 )
 def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, goes_on, words):
-    chain = _chain_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
+    chain = _intact_start_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
     assert (chain.end, chain.may_continue) == (end, goes_on)
     assert [words in each for each in chain.remarks] == ([True] if words else [])

@@ -1,4 +1,4 @@
-"""Gains, delay, filter and limit of a position law, identified from sums of sines."""
+"""Tests of gains, delay, filter and limit of a position law, identified from sums of sines."""
 
 import numpy as np
 import pytest
@@ -545,7 +545,7 @@ def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monk
         deviation = reach / quantile(7.0)
         return {name: EstimatedValue(value, deviation, "", 7.0) for name, value in own.items()}
 
-    monkeypatch.setattr(law, "_spreads", spreads)
+    monkeypatch.setattr(law, "_estimates", spreads)
     assert law._have_same_law([], dict.fromkeys(range(3))) == alike
 
 
@@ -560,7 +560,7 @@ def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monk
 def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units):
     reaches, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
     monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (reaches, freedoms))
-    found = law._spreads([], axes, fit_of_everything(), form)
+    found = law._estimates([], axes, fit_of_everything(), form)
     assert [*found] == [*BASIC_TERMS, "delay"]
     np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
     np.testing.assert_allclose([each.half_width for each in found.values()], reaches)
@@ -610,7 +610,7 @@ def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(mo
     again = search_fit(pieces, (0,), kept, [fit.shape], ("delay",))
     assert found.not_identified == weak
     assert {*found.gains} == {*kept} - {"position"}
-    wide, narrow = (law._spreads(pieces, (0,), each, "heading") for each in (fit, again))
+    wide, narrow = (law._estimates(pieces, (0,), each, "heading") for each in (fit, again))
     for name, spread in found.gains.items():
         assert spread.value == narrow[name].value
         assert spread.deviation == max(wide[name].deviation, narrow[name].deviation)

@@ -1,4 +1,4 @@
-"""Remarks on the vehicle and the estimator of a ULog, compared with the codes published by MAVLink and PX4."""
+"""Tests of remarks on the vehicle and the estimator of a ULog, by comparison with codes of MAVLink and PX4."""
 
 import numpy as np
 import pytest
@@ -57,18 +57,20 @@ def test_types_of_vehicles_have_the_published_codes():
     for name, table in (("MAV_TYPE", MAV_TYPES), ("CA_AIRFRAME", AIRFRAMES)):
         known = dict(table.values())
         for number in range(60):
-            expected = f"{known[number]}, by the parameter {name}, {number}" if number in known else ""
+            expected = f"{known[number]} (the parameter {name} is {number})" if number in known else ""
             assert other_vehicle({name: number}, None) == expected
     for field, table in (("system_type", MAV_TYPES), ("vehicle_type", VEHICLE_TYPES)):
         known = dict(table.values())
         for number in range(60):
             status = {field: np.full(5, number)}
-            expected = f"{known[number]}, by vehicle_status.{field}, {number}" if number in known else ""
+            expected = f"{known[number]} (vehicle_status.{field} is {number})" if number in known else ""
             assert other_vehicle({}, status) == expected
-    assert other_vehicle({}, {"is_vtol": np.array([0, 0, 1])}) == "a VTOL, by vehicle_status.is_vtol"
+    assert other_vehicle({}, {"is_vtol": np.array([0, 0, 1])}) == "a VTOL (vehicle_status.is_vtol is 1)"
     assert other_vehicle({}, {"is_vtol": np.zeros(3)}) == ""
     for rotors in range(9):
-        expected = "" if rotors in (0, 4) else f"a vehicle with {rotors} rotors, by the parameter CA_ROTOR_COUNT"
+        expected = (
+            "" if rotors in (0, 4) else f"a vehicle with {rotors} rotors (the parameter CA_ROTOR_COUNT is {rotors})"
+        )
         assert other_vehicle({"CA_ROTOR_COUNT": rotors}, None) == expected
 
 
@@ -164,7 +166,8 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     whole = "the pulse range of the motors, from off to full throttle, is"
     assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since the log contains no such parameter"
     assert (
-        remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by the parameters PWM_MAIN_FUNC1 and so on"
+        remarks[1]
+        == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, according to the parameters PWM_MAIN_FUNC1 and so on"
     )
     # A limit of 0 µs is valid. If `PWM_MAIN_MIN` is negative, the more general parameter `PWM_MIN` applies.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
@@ -172,7 +175,7 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
     assert remarks == [
-        f"{whole} 900 to 1900, 0 to 1900 µs, by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        f"{whole} 900 to 1900, 0 to 1900 µs, according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
     ]
     # If one of the outputs is missing, the motor commands are unknown.
     few = {name: values for name, values in data.items() if name != "output[2]"}

@@ -21,9 +21,9 @@ from drake_quad.scenario.files.marked_tree import Mark
 # which are interpolated linearly.
 _HELD_SIGNALS = ("motor_command", "thrust_fraction", "battery_voltage")
 _ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
-# Signals that change slowly. They keep their first value before their first sample, and their last value afterwards.
+# Signals that change slowly. Their first value is used before their first sample, and their last value after the last.
 _SLOW_SIGNALS = ("battery_voltage", "wind", "hover_thrust_fraction")
-# Half a turn about x converts NED to NWU, and FRD to FLU.
+# A rotation by 180° about x converts NED to NWU, and FRD to FLU.
 _DOWNWARD_FRAMES = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
@@ -223,7 +223,7 @@ def _without_damaged_rows(table: Table, mapping: Mapping, notes: list[str]) -> T
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
-    """Yield the channels of a signal, one for each of its sources, in the order of preference."""
+    """Yield the channels of a signal, one for each of its sources, in order of preference."""
     for source in mapping.signals[signal]:
         for table in tables:
             if not all(each in table.columns for each in source.names) or len(table.time) < 2:

@@ -29,10 +29,11 @@ from drake_quad.scenario.models import Scenario
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command is at a limit if many of its samples are near an extreme. The number of samples of a smooth signal within a
-# margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a limit.
+# A command is at a limit if many of its samples are near an extreme. For a smooth signal, the number of samples within
+# a margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a
+# limit.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-# A command is at a limit if the ratio of the number of samples within δ to the number between δ and 2 δ is larger.
+# A command is at a limit if the ratio of these two numbers exceeds this value.
 _MIN_COUNT_RATIO = 5.0
 _MIN_LIMITED_SAMPLES = 8  # an extreme that fewer samples reach is not a limit
 # A command that is at its extreme in more than this fraction of the samples is constant rather than limited.

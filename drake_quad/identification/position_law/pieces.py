@@ -23,7 +23,7 @@ from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s; a reference counts as moving if its velocity has a larger standard deviation
 _MIN_REFERENCE_RANGE = 0.02  # m; a reference counts as moving if its position has a larger range
-_SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
+_SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # binomial weights of adjacent samples
 _MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
 _MIN_SAMPLES = 60  # smallest number of samples in a stretch, several per parameter
 _BLOCK_DURATION = 2.0  # s, duration of a block, several times the correlation time of errors
@@ -105,13 +105,11 @@ def prepared_pieces(
         if counted[in_piece].sum() < min_samples:
             continue
         part = record.subset(in_piece)
-        signals, compared = _signals(part, reference[in_piece] - position[in_piece], counted[in_piece])
-        if compared.sum() < min_samples:
+        signals, is_used = _signals(part, reference[in_piece] - position[in_piece], counted[in_piece])
+        if is_used.sum() < min_samples:
             continue
         for form in FORMS:
-            pieces[form].append(
-                _piece(part, thrust[in_piece], form, float(scenario.nominal.gravity), signals, compared)
-            )
+            pieces[form].append(_piece(part, thrust[in_piece], form, float(scenario.nominal.gravity), signals, is_used))
     if not pieces["tilt"]:
         raise InputError(
             f"the log {short_repr(record.name)} has no uninterrupted stretch of flight of at least"
@@ -160,7 +158,7 @@ def _piece(
     form: Form,
     gravity: float,
     signals: Sequence[np.ndarray],
-    compared: np.ndarray,
+    is_used: np.ndarray,
 ) -> Piece:
     """Return a stretch of flight with smoothed signals, along the axes of the law."""
     output = law_output(record, thrust, form, gravity)
@@ -188,7 +186,7 @@ def _piece(
         integral(velocity),
         error - integral(reference_velocity - velocity) if form == "decoupled" else np.zeros_like(error),
         integral(lost_output),
-        compared,
+        is_used,
     )
 
 

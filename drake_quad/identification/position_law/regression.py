@@ -30,7 +30,7 @@ TYPICAL_DELAY = 0.05
 
 # Critical value of χ² with one degree of freedom at 99.9 %. It is strict, because a log has over a dozen such tests.
 _MIN_LIKELIHOOD_RATIO = 10.83
-# An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions do not matter in
+# An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions hardly affect
 # simulations.
 _MAX_UNEXPLAINED_RATIO = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
@@ -177,12 +177,12 @@ def _regression(
 
 
 def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.ndarray:
-    """Return the regressors (m, k) of a piece along an axis, at the times of the signals: the delay is not applied."""
+    """Return the regressors (m, k) of a piece along an axis, without the delay."""
     error = np.clip(piece.error[:, axis], -shape.error_limit, shape.error_limit)
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
         decay = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
-        # This filter is exact up to third order in the period if the velocity is linear between samples.
+        # If the velocity is linear between samples, the error of a step of this filter is of third order in the period.
         weight = 0.5 * (1.0 - decay)
         velocity, _ = scipy.signal.lfilter([weight, weight], [1.0, -decay], velocity, zi=[(1.0 - weight) * velocity[0]])
     columns = {
@@ -224,8 +224,8 @@ def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, ext
         return simple
     linear = len(extended.terms) > len(simple.terms)
     value = extended.gains[-1] if linear else getattr(extended.shape, extended.free[-1])
-    reaches, _ = uncertainty(pieces, axes, extended)
-    return extended if abs(value) > reaches[len(extended.terms) - 1 if linear else -1] else simple
+    half_widths, _ = uncertainty(pieces, axes, extended)
+    return extended if abs(value) > half_widths[len(extended.terms) - 1 if linear else -1] else simple
 
 
 def _independent_samples(residuals: np.ndarray) -> float:
@@ -289,9 +289,9 @@ def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[st
     `drake_quad.identification.position_law.law`.
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)
-    integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))
+    integral, velocity_integral = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))
     discriminant = position**2 - 4.0 * velocity * integral
     if discriminant > 0.0:
-        of_velocity = max(of_velocity, 2.0 * velocity * integral / (position + np.sqrt(discriminant)))
-    bounds = {"position": integral, "velocity": of_velocity, "reference_velocity": of_velocity}
+        velocity_integral = max(velocity_integral, 2.0 * velocity * integral / (position + np.sqrt(discriminant)))
+    bounds = {"position": integral, "velocity": velocity_integral, "reference_velocity": velocity_integral}
     return {name: 0.5 * period * bound for name, bound in bounds.items() if name in gains}

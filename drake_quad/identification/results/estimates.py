@@ -119,8 +119,8 @@ class Estimates:
     """Estimated parameters of a vehicle and its laboratory, with their covariance.
 
     Attributes:
-        names: (n,) names as in the scenario language, with indices in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
-            `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
+        names: (n,) names as in the scenario language, with indices in brackets: `mass`, `inertia[0]`,
+            `motors.curve[1]`, `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
         covariance: (n, n) covariance of the estimation errors.
         degrees_of_freedom: (n,) degrees of freedom of the errors, which follow Student's t-distribution; or one number

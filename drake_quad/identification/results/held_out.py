@@ -1,12 +1,13 @@
 """Check of confidence intervals by holding out one tenth of the flight at a time.
 
-The flight is divided into ten stretches. Nine of them give an estimate, the variance P of its error, and the variance d² between stretches. The tenth stretch
-gives an independent estimate, whose error has the variance v. The two estimates should differ by no more than
+The flight is divided into ten stretches. Nine of them give an estimate, the variance P of its error, and the variance
+d² between stretches. The tenth stretch gives an independent estimate, whose error has the variance v. The two estimates
+should differ by no more than
 
     t √(P + d² + v),
 
-where t is the 97.5 % quantile of Student's t-distribution with eight degrees of freedom. If the intervals are correct 95 %
-intervals, 9.5 of ten differences are inside on average, and at least nine are inside with a probability of 0.91.
+where t is the 97.5 % quantile of Student's t-distribution with eight degrees of freedom. If the intervals are correct
+95 % intervals, 9.5 of ten differences are inside on average, and at least nine are inside with a probability of 0.91.
 
 Three approximations limit this check. The estimate of a stretch is one Gauss-Newton step from the estimate of all
 windows. The variances d² and v contain the scatter of the windows within all stretches. If a stretch hardly determines

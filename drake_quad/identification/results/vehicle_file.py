@@ -49,8 +49,8 @@ _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables ar
 _MIN_VALUE_RATIO = 0.1  # lower limit of the distribution of a positive parameter, relative to its mean
 _LIMIT_SIGMA = 6.0  # distance of the limits of a distribution from its mean, in standard deviations
 _NUM_EXTRA_DECIMALS = 5  # decimals of an estimate after the first significant digit of its standard deviation
-# Rotor speed limit, relative to the speed at full throttle. The limit allows 21 % more thrust, which exceeds the error of
-# a thrust curve.
+# Rotor speed limit, relative to the speed at full throttle. The limit allows 21 % more thrust, which exceeds the error
+# of a thrust curve.
 _SPEED_LIMIT_RATIO = 1.1
 
 
@@ -203,7 +203,7 @@ def _add_override(tree: dict[str, Any], assignment: str) -> None:
     if top not in tree or not steps or any(re.fullmatch(r"(rotor_)?\d", step) for step in steps):
         raise InputError(
             f"{assignment} cannot be written to the file of a vehicle: only fields of {', '.join(tree)} can be set, and"
-            " lists only as a whole"
+            " a list can only be set as a whole"
         )
     node = tree[top]
     for step in steps[:-1]:
@@ -248,8 +248,8 @@ def _number(name: str, value: float) -> Any:
     declared = declaration_of(name)
     if declared.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; otherwise list {name} in"
-            " not_identified"
+            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; if the logs do not determine"
+            f" {name}, remove its estimate and list it in not_identified"
         )
     value = min(max(value, declared.lower), declared.upper)
     return round(value) if declared.is_whole else value
