@@ -18,11 +18,16 @@ from drake_quad.framework.fleet_system import FleetSystem
 # Largest number of cached tables of shared values. When the cache is full, a new table replaces the oldest one.
 _MAX_TABLES = 256
 # Number of events in each cached table of shared values if the simulator requests one event at a time.
-_TABLE_EVENTS = 64
+_EVENTS_PER_TABLE = 64
 
 
 class Log:
-    """Outputs of a compiled system that were recorded since time zero, as consecutive arrays (ticks, rows, N)."""
+    """Outputs of a compiled system, recorded since time zero.
+
+    Attributes:
+        parts: arrays (ticks, rows, columns) in the order of time. There is a column for each vehicle, and there are
+            unused columns that fill the last SIMD vector.
+    """
 
     def __init__(self) -> None:
         self.parts: list[np.ndarray] = []
@@ -38,8 +43,7 @@ class CompiledSystem(LeafSystem):
         program: compiler of the diagram.
         ticks: largest number of ticks that one event may simulate, if no other system needs intermediate results; None
             to declare an event at every instant at which the original diagram has an event.
-        tick: period of the ticks, s, which must be one of the diagram's periods; None for the least common multiple of
-            all periods.
+        tick: period of the ticks, s, as in `compile_diagram`; None for the least common multiple of all periods.
         record: True to record the diagram's output ports at every tick.
 
     Attributes:
@@ -223,9 +227,9 @@ class CompiledSystem(LeafSystem):
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
         """Return the table rows of `count` consecutive events: the values that all vehicles share.
 
-        The rows are cached, and are computed for `_TABLE_EVENTS` events at once if a single event is requested.
+        The rows are cached, and are computed for `_EVENTS_PER_TABLE` events at once if a single event is requested.
         """
-        begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
+        begin, size = (first - first % _EVENTS_PER_TABLE, _EVENTS_PER_TABLE) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
             return self.program.table(event.shared, self.program.times(begin, event.instants, size))
@@ -277,12 +281,12 @@ class CompiledSystem(LeafSystem):
         tickets |= {self.input_port_ticket(self._inputs[source]) for source in sources}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
-    def _shared_at(self, code: Event, time: float) -> np.ndarray:
+    def _shared_at(self, event: Event, time: float) -> np.ndarray:
         """Return the shared values at a time (s); they are cached if the time is an instant of the diagram."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
-            return self._table(code, instant, 1)[0]
-        return self.program.table(code.shared, np.full((1, code.instants + 1), time))[0]
+            return self._table(event, instant, 1)[0]
+        return self.program.table(event.shared, np.full((1, event.instants + 1), time))[0]
 
 
 def input_name(program: Program, source: Port | ExportedPort) -> str:

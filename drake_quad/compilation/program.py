@@ -37,7 +37,7 @@ class Event(NamedTuple):
 
     Attributes:
         loop: machine code and its memory.
-        shared: values that all vehicles share.
+        shared: columns of the table of values that all vehicles share.
         instants: number of consecutive instants that the event simulates.
         inputs: external inputs that the event reads.
     """
@@ -200,7 +200,7 @@ class Program:
             max_instants: largest number of instants in an event. The cycle must be a multiple of it.
         """
         if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
-            # Unrestricted updates at time zero require a separate event.
+            # An event begins with discrete updates, so it cannot contain an unrestricted update at time zero.
             return None
         for instants in (each for each in range(max_instants, 0, -1) if max_instants % each == 0):
             events = []

@@ -104,16 +104,16 @@ class Trace:
         self._outputs.clear()
 
     def changes(self) -> dict[int, Any]:
-        """Return the symbol or number that each changed row of the state has, by row index."""
+        """Return the new value of each changed row of the state, a symbol or a number, by row index."""
         return {
             self._row_ranges.states[key][0] + row: value
             for key, rows in self._states.items()
             for row, value in enumerate(rows)
         }
 
-    def shared(self, number: str | SharedValueSource = TIME_VALUE) -> Symbol:
-        """Return the time (s), or an element of a port that all vehicles share, at the current instant."""
-        return self.listing.shared(self._shared.column(self.instant, number))
+    def shared(self, value: str | SharedValueSource = TIME_VALUE) -> Symbol:
+        """Return a value that all vehicles share at the current instant: the time (s), or an element of a port."""
+        return self.listing.shared(self._shared.column(self.instant, value))
 
     def tick(self, ticks: CurrentTick) -> Tick:
         """Return the tick at the current instant.
