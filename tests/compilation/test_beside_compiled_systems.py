@@ -208,7 +208,7 @@ USER_SYSTEMS = {
     "control": [Cascade, integrating_cascade],
     "wind": [VaryingWind, varying_wind_with_state],
 }
-each = pytest.mark.parametrize(
+each_user_system = pytest.mark.parametrize(
     ("part", "make"),
     [(part, make) for part, makes in USER_SYSTEMS.items() for make in makes],
     ids=lambda value: getattr(value, "__name__", value),
@@ -216,7 +216,7 @@ each = pytest.mark.parametrize(
 
 
 @pytest.mark.slow
-@each
+@each_user_system
 def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenario, plan, part, make):
     flights = [simulate(scenario, plan=plan, compiled=compiled, **{part: make()}) for compiled in (True, False)]
     assert_flights_alike(*flights)
@@ -224,7 +224,7 @@ def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenar
 
 
 @pytest.mark.slow
-@each
+@each_user_system
 def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flights(scenario, plan, part, make):
     """Each fleet simulates two batches of samples, and both fleets have the same results."""
     user_systems = UserSystems(**{part: make})

@@ -188,7 +188,7 @@ def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
     for i, integral in enumerate(("", ", k_i: [30.0, 30.0, 2.0]")):
         attitude = f"control.attitude={{kind: geometric, {gains}{integral}}}"
         flight = simulate(load_scenario(diagrams / "hover.yaml", [attitude, *offset]), compiled=True)
-        lean = flight.record("attitude_command").roll - flight.record("state").roll
-        roll_errors[i] = np.abs(lean[-50:]).max()
+        roll_error = flight.record("attitude_command").roll - flight.record("state").roll
+        roll_errors[i] = np.abs(roll_error[-50:]).max()
     assert roll_errors[0] > 0.02
     assert roll_errors[1] < 0.02 * roll_errors[0]

@@ -92,7 +92,7 @@ class Px4:
             self.rate += fraction * ((velocity - self.before) / PERIOD - self.rate)
         self.before = velocity
         first = (target - position) * K_P_POSITION
-        setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
+        setpoint = np.array([*self.limited_sum(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
         setpoint[2] = np.clip(setpoint[2], -MAX_HORIZONTAL_UP_DOWN_SPEEDS[1], MAX_HORIZONTAL_UP_DOWN_SPEEDS[2])
         error = setpoint - velocity
         demanded = acceleration + error * K_P + self.integral - self.rate * K_D
@@ -119,7 +119,7 @@ class Px4:
         return thrust
 
     @staticmethod
-    def shortened(first, second):
+    def limited_sum(first, second):
         """Return the sum of two velocities, with the second one shortened if the sum exceeds the largest speed."""
         if np.linalg.norm(first + second) <= MAX_HORIZONTAL_UP_DOWN_SPEEDS[0]:
             return first + second
@@ -185,7 +185,7 @@ def test_a_saturated_sum_of_two_velocities_reduces_the_second_velocity_first():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
         velocity = np.array(saturate_velocity_sum(tuple(first), tuple(second), 2.0))
-        np.testing.assert_allclose(velocity, Px4.shortened(first, second), atol=1e-9)
+        np.testing.assert_allclose(velocity, Px4.limited_sum(first, second), atol=1e-9)
         assert np.linalg.norm(velocity) <= 2.0 + 1e-9
     assert saturate_velocity_sum((3.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((2.0, 0.0))
     assert saturate_velocity_sum((0.0, 0.0), (0.0, -3.0), 2.0) == pytest.approx((0.0, -2.0))

@@ -21,19 +21,19 @@ DELAY = {"laboratory.command_link.delay_ticks": 8.0}
 UNCERTAIN_LAG = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
 
 
-def late(*overrides):
-    """Return a hovering vehicle whose command arrives late, so that a slow rotor makes its loop unstable."""
+def delayed_hover(*overrides):
+    """Return a hover scenario with a command delay that makes the loop unstable if the rotors are slow."""
     return load_scenario("hover", [*overrides, *(f"{path}={value}" for path, value in DELAY.items())])
 
 
 @pytest.fixture(scope="module")
 def certificate():
     mass = f"vehicle.mass={{uniform: {{min: {0.95 * 0.68}, max: {1.05 * 0.68}}}}}"
-    return certify_hover(late(mass, UNCERTAIN_LAG))
+    return certify_hover(delayed_hover(mass, UNCERTAIN_LAG))
 
 
 def poles_at(numbers):
-    scenario = map_leaves(late(), lambda path, value: numbers.get(path, value))
+    scenario = map_leaves(delayed_hover(), lambda path, value: numbers.get(path, value))
     return np.abs(closed_loop(symmetric_hover(at_rest(scenario))).system.poles())
 
 
@@ -84,7 +84,7 @@ def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop
 
 @pytest.mark.long
 def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
-    resting = symmetric_hover(at_rest(late()))
+    resting = symmetric_hover(at_rest(delayed_hover()))
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
     fractions = grid * SPREADS * certificate.stable_scale
     loops = HoverFleet(resting, [*CENTRES])(np.array([*CENTRES.values()]) * (1.0 + fractions))
@@ -93,7 +93,7 @@ def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
 
 @pytest.mark.long
 def test_the_scale_of_a_single_parameter_agrees_with_a_bisection():
-    found = certify_hover(late(UNCERTAIN_LAG))
+    found = certify_hover(delayed_hover(UNCERTAIN_LAG))
     low, high = 0.05, 0.05 + 0.015 * 8.0
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -118,7 +118,7 @@ def test_loops_without_an_equilibrium_do_not_count_as_unstable():
 
 @pytest.mark.long
 def test_a_certificate_depends_only_on_the_seed():
-    first, second = (certify_hover(late(UNCERTAIN_LAG)) for _ in range(2))
+    first, second = (certify_hover(delayed_hover(UNCERTAIN_LAG)) for _ in range(2))
     assert first == second
 
 

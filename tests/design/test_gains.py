@@ -117,13 +117,15 @@ def test_violated_requirements_are_reported_in_their_units():
 
 
 def test_requirements_that_no_gains_meet_are_reported(pitch):
-    with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
+    with pytest.raises(InputError, match=r"for pitch; closest result: phase margin: \d\d\.\d°, less than 80°"):
         design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
 
 
 def test_no_pd_exists_without_a_measured_rate(pitch):
     without_rate = replace(pitch, C=pitch.C * [[1.0], [0.0]])
-    with pytest.raises(InputError, match="no gains of this family meet the requirements for pitch; at best no gains"):
+    with pytest.raises(
+        InputError, match="no gains of this family meet the requirements for pitch; closest result: no gains"
+    ):
         design_loop(without_rate, PolePair(0.8), Requirements(), axis="pitch")
 
 
@@ -148,7 +150,7 @@ def test_a_plant_that_cannot_be_stabilised_is_reported(pitch):
     B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
     unstabilisable = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "uncontrolled"))
     with pytest.raises(
-        InputError, match="no gains of this family meet the requirements for pitch; at best no stability"
+        InputError, match="no gains of this family meet the requirements for pitch; closest result: no stability"
     ):
         design_loop(unstabilisable, PolePair(0.8), Requirements(), axis="pitch")
 
@@ -176,8 +178,7 @@ def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_f
     assert design.bandwidth is None
     cost = [family.cost(pitch, design.gains, effort) / family.min_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
-    # Not only for this design, but also for the smallest and the largest effort, the cost is higher than the cost of
-    # full state feedback.
+    # For this design, and for the smallest and the largest effort, the cost is higher than that of full state feedback.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
@@ -479,7 +480,7 @@ def test_the_gains_closest_to_the_requirements_are_reported():
     plant = double_integrator()
     phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
     assert phases == sorted(phases)
-    with pytest.raises(InputError, match=rf"at best phase margin: {phases[2]:.1f}°, less than 60°"):
+    with pytest.raises(InputError, match=rf"closest result: phase margin: {phases[2]:.1f}°, less than 60°"):
         design_loop(plant, ProportionalFamily(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
 
 
@@ -548,7 +549,7 @@ def test_a_message_without_acceptable_gains_describes_stable_gains():
     """
     family = ListedFamily(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
     phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
-    with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
+    with pytest.raises(InputError, match=rf"closest result: phase margin: {phase:.1f}°, less than 60°"):
         design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
 
 

@@ -170,7 +170,7 @@ def test_considered_plants_span_the_distributions_or_the_assumed_uncertainty(dia
     assert on_board[0].lags
     identified, *others = considered_plants(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
     assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
-    # Slopes of the thrust curve over throttle: 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
+    # The slope of the thrust curve over the throttle is 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Plants with faster rotors have a faster attitude response.
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
@@ -184,8 +184,8 @@ def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagra
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = flight_conditions(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). An offset of the centre of mass
-    # by 1 mm causes 9.5 m/s⁴.
+    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). If the centre of mass is off
+    # centre by 1 mm, the disturbing snap is 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
@@ -212,7 +212,7 @@ def test_the_snap_limit_allows_twice_the_torque_that_balances_an_offset_centre_o
         conditions, vehicle = flight_conditions(scenario), median_scenario(scenario).vehicle
         levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
         constant_snap[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
-        # 1 rad/s² corresponds to a snap of g. Unequal rotors also cause an angular acceleration.
+        # An angular acceleration of 1 rad/s² causes a snap of g · 1 rad/s². Unequal rotors also contribute to the bias.
         assert 0.6 * conditions.bias < constant_snap[name] < 1.2 * conditions.bias
         limit_of[name] = snap_limit(limits, conditions)
     assert limit_of["robustness"] == limits.snap
@@ -418,7 +418,7 @@ def test_a_search_finds_the_minimum_cost_for_any_initial_weight(search_of, initi
 
 
 def test_a_limit_is_tightened_by_slightly_more_than_the_exact_loop_violates_it(search_of):
-    """Margins of None belong to a command signal without feedback, which does not change any limit."""
+    """A signal without feedback has no margins (None), and therefore changes no limit."""
     limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 

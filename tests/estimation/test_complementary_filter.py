@@ -34,7 +34,7 @@ def run(start, aiding, parameters, readings, duration, times=TIMES):
 
 
 def test_a_small_tilt_error_decays_with_its_time_constant():
-    """The estimated bias of the gyroscope is too slow to matter."""
+    """The estimate of the gyroscope's bias changes too slowly to affect the result."""
     start = AT_REST._replace(attitude=Quaternion.of(0.02, -0.01, 0.3))
     system, context = run(start, (), (), LEVEL_READINGS, 0.5, TIMES._replace(bias=1e6))
     roll, pitch, yaw = system.GetOutputPort("measurement").Eval(context)[3:6]
@@ -73,7 +73,7 @@ def test_the_position_follows_a_step_as_a_critically_damped_filter(duration):
 
 
 def test_a_steady_acceleration_tilts_the_estimate():
-    """The accelerometer of an accelerating vehicle does not point along the vertical."""
+    """The filter assumes that the specific force is vertical, which is wrong if the vehicle accelerates."""
     R = Rotation.from_euler("x", 0.1).as_matrix()
     force = R.T @ [0.0, -GRAVITY * np.tan(0.1), GRAVITY]
     start = AT_REST._replace(attitude=Quaternion.of(0.1, 0.0, 0.0))

@@ -246,8 +246,8 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
         if k % 2 == 0:
             dense.propagate()
         if k % 4 == 0:
-            # The derivatives of a rotation vector are taken where the vector is zero, and those of the magnetic field
-            # at the field of the earth.
+            # Attitudes are linearised at the predicted attitude, and the magnetic field is linearised at the predicted
+            # field of the earth.
             predicted_reading = {
                 "attitude": Rotation.from_matrix(dense.R).as_euler("ZYX")[::-1],
                 "magnetic_field": dense.R.T @ EARTH_FIELD,
@@ -271,7 +271,7 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
 
 @pytest.mark.parametrize("latencies", [(2, 0), (1, 1), (0, 1)], ids=str)
 def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
-    """Readings of two sensors arrive in another order than they were taken, but the filter uses them in that order.
+    """Readings of two sensors arrive out of order, but the filter uses them in the order in which they were taken.
 
     Biases that are known exactly make the comparison exact: stored samples need no correction for later biases.
     """
@@ -349,7 +349,8 @@ def fly(motion, aiding, num_vehicles, seed, block_samples=1):
         }
         for each in aiding:
             true = reading_of(each.kind, motion.position[k], motion.velocity[k], motion.rotations[k], rates, _Silence)
-            # The noise of a magnetometer is the same on all axes, and its horizontal field is 1.
+            # `DEVIATIONS` contains the deviation of the heading. Each axis of the field has the same deviation, because
+            # the horizontal field is 1.
             deviations = DEVIATIONS[each.kind] * (3 if each.kind == "magnetic_field" else 1)
             noise = np.zeros((num_vehicles, len(true)))
             noise[:, : len(deviations)] = deviations * generator.standard_normal((num_vehicles, len(deviations)))
@@ -394,7 +395,7 @@ def normalised_errors(system, context, p, v, R, b_g, b_a):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", AIDING_LAWS)
 def test_squared_errors_have_their_chi_squared_distribution(kind):
-    """The mean over the fleet is in its band of 99.9 % at the end of a figure eight."""
+    """At the end of a figure eight, the sum over the fleet is within the 99.9 % interval of its distribution."""
     aiding = Aiding("position", "position", 4), Aiding("other", kind, 4)
     _, _, squared_errors = fly(figure_eight(4.0), aiding, 150, 5, block_samples=2)
     low, high = scipy.stats.chi2.interval(0.999, 15 * squared_errors.shape[1])
@@ -419,8 +420,8 @@ def test_yaw_is_not_observable_in_hover_without_a_measurement_of_the_direction()
         deviation = system.GetOutputPort("estimate_deviation").Eval(context).reshape(15, 2)
         deviations.append(EstimateDeviation(*deviation.min(axis=1)))
     without, with_yaw = deviations
-    # The error of the yaw grows with the error of the gyroscope. The few per cent that the latter loses come from the
-    # initial error of the tilt, which accelerates the estimate sideways.
+    # The uncertainty of the yaw grows, because the bias of the gyroscope about Z remains unknown. This bias is reduced
+    # by a few per cent at most, because the initial tilt error accelerates the estimate sideways.
     assert without.rotation_z > 3.0 * INITIAL.rotation_z
     assert without.gyroscope_z > 0.95 * INITIAL.gyroscope_z
     assert max(without.rotation_x, without.rotation_y) < 0.5 * INITIAL.rotation_x

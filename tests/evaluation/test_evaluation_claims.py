@@ -1,4 +1,4 @@
-"""Verdicts on invented flights, compared with independent computations."""
+"""Tests of the verdicts on claims, by comparison with independent computations from invented flights."""
 
 import re
 
@@ -31,7 +31,7 @@ def test_claims_about_effective_networks_hold_and_about_neutral_ones_are_undecid
 
 
 def test_a_claim_about_a_harmful_network_does_not_hold():
-    found = verdicts(evaluation(network=1.1, other=1.05))
+    found = verdicts(evaluation(type_1_ratio=1.1, type_2_ratio=1.05))
     assert found[NETWORK_CLAIM] == found[TYPE_2_CLAIM] == "does not hold"
 
 
@@ -39,12 +39,12 @@ def test_crashes_with_a_network_make_its_claim_hold_in_part():
     found = verdicts(evaluation(crashed=range(8)))
     assert found[NETWORK_CLAIM] == "holds in part"
     (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == NETWORK_CLAIM)
-    assert "outdoor: it alone crashes on 8 samples, the other alone on 0 (p = 0.0078)" in text
+    assert "outdoor: 8 samples crash only in this case, 0 only in the compared case (p = 0.0078)" in text
     assert verdicts(evaluation(crashed=range(2)))[NETWORK_CLAIM] == "holds"
 
 
 def test_reductions_are_paired_by_sample():
-    compared = comparisons_by_laboratory(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
+    compared = comparisons_by_laboratory(evaluation(type_1_ratio=0.9, type_2_ratio=0.8), "pd_t2fnn", "pd")
     assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
     for each in compared.values():
         assert reduction(each.ratio).value == pytest.approx(0.28, abs=0.002)
@@ -72,7 +72,7 @@ def test_the_claim_that_margin_costs_accuracy_holds_if_every_smaller_margin_redu
     assert claim.verdict == "holds"
     assert "with a peak sensitivity of 3.00 instead of 1.60, the RMSE of INDI is smaller by 50." in claim.evidence
     assert "from 62 ms to 33 ms" in claim.evidence
-    found.flights["high wind"]["indi@3"] = flights(0.05, own=6)
+    found.flights["high wind"]["indi@3"] = flights(0.05, scatter=6)
     assert judge_price_of_margin(found).verdict == "holds in part"
 
 
@@ -91,18 +91,18 @@ def test_an_evaluation_is_read_as_it_was_written(tmp_path):
     found = evaluation(crashed=[1])
     flights_file, traits_file = write_evaluation(tmp_path, found)
     assert (flights_file.name, traits_file.name) == ("flights.csv", "traits.csv")
-    again = read_evaluation(tmp_path)
-    for family, told in found.traits.items():
-        assert list(again.traits[family]) == list(told)
-        read, written = ([*traits.values()] for traits in (again.traits[family], told))
+    reread = read_evaluation(tmp_path)
+    for family, traits in found.traits.items():
+        assert list(reread.traits[family]) == list(traits)
+        read, written = ([*values.values()] for values in (reread.traits[family], traits))
         np.testing.assert_allclose([each[:-1] for each in read], [each[:-1] for each in written], rtol=1e-8)
         assert [each.not_certified for each in read] == [each.not_certified for each in written]
-    assert {place: list(flown) for place, flown in again.flights.items()} == {
-        place: list(flown) for place, flown in found.flights.items()
+    assert {laboratory: list(flown) for laboratory, flown in reread.flights.items()} == {
+        laboratory: list(flown) for laboratory, flown in found.flights.items()
     }
-    for place, flown in found.flights.items():
+    for laboratory, flown in found.flights.items():
         for name, metrics in flown.items():
-            np.testing.assert_allclose(again.flights[place][name], metrics, rtol=1e-8)
+            np.testing.assert_allclose(reread.flights[laboratory][name], metrics, rtol=1e-8)
     assert read_table(flights_file)["sample"].min() == 1000
     flights_file.write_text("laboratory,controller\noutdoor,pd\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"flights.csv has no column rmse"):

@@ -1,4 +1,4 @@
-"""Tables and sentences of the report of the evaluation, for invented flights."""
+"""Tests of the tables and sentences in the report of an evaluation, with invented flights."""
 
 import numpy as np
 import pytest
@@ -54,17 +54,17 @@ def found():
 def test_the_committed_report_has_the_default_evaluation_sizes_and_all_claims(root):
     """The report contains the claims in the order of `all_claims`."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
-    whole = EvaluationSizes()
+    sizes = EvaluationSizes()
     assert text.startswith("#")
-    for words in (
-        f" laboratories with {whole.samples} samples each",
-        f"| MPC ({whole.uncompiled} samples) |",
-        f"in lap {whole.max_laps} its RMSE is smaller by",
+    for phrase in (
+        f" laboratories with {sizes.samples} samples each",
+        f"| MPC ({sizes.uncompiled} samples) |",
+        f"in lap {sizes.max_laps} its RMSE is smaller by",
     ):
-        assert words in text
-    budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
-    for words in (
-        f"none of {whole.delayed} samples crashes",
+        assert phrase in text
+    budget, limit, text_in_one_line = Budget(), LoopLimit(), " ".join(text.split())
+    for phrase in (
+        f"none of {sizes.delayed} samples crashes",
         f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
         f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
@@ -72,19 +72,26 @@ def test_the_committed_report_has_the_default_evaluation_sizes_and_all_claims(ro
         f"(COBYLA) of {budget.steps} steps",
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
     ):
-        assert words in flowing
+        assert phrase in text_in_one_line
     assert list(SENSITIVITY_LIMITS) == sorted(SENSITIVITY_LIMITS)
     # Each number of samples or flights in a quick evaluation is smaller than its default.
-    assert all(few < many for few, many in zip(QUICK[:-2], whole[:-2], strict=True))
+    assert all(quick < default for quick, default in zip(QUICK[:-2], sizes[:-2], strict=True))
     assert not QUICK.certifies
     found = evaluation()
-    for place in FAMILIES["laboratory"].laboratories:
-        found.flights[place] |= {"pd_t2fnn_adaptive": flights(0.1, own=3), "pd_t2fnn_map": flights(0.1, own=4)}
-        found.flights[place] |= {"pid": flights(0.2), "pid_t2fnn": flights(0.1, own=3), "indi_t2fnn_map": flights(0.1)}
-    asked = [each.statement for each in all_claims(found)]
-    shipped = [row[0] for row in rows_of(text) if row[0] in asked]
-    assert asked == shipped
-    assert len(asked) >= 9
+    for laboratory in FAMILIES["laboratory"].laboratories:
+        found.flights[laboratory] |= {
+            "pd_t2fnn_adaptive": flights(0.1, scatter=3),
+            "pd_t2fnn_map": flights(0.1, scatter=4),
+        }
+        found.flights[laboratory] |= {
+            "pid": flights(0.2),
+            "pid_t2fnn": flights(0.1, scatter=3),
+            "indi_t2fnn_map": flights(0.1),
+        }
+    statements = [each.statement for each in all_claims(found)]
+    shipped = [row[0] for row in rows_of(text) if row[0] in statements]
+    assert statements == shipped
+    assert len(statements) >= 9
 
 
 def test_tolerated_delays_are_written_as_text():
@@ -93,8 +100,8 @@ def test_tolerated_delays_are_written_as_text():
 
 
 def test_a_controller_with_fewer_samples_is_compared_only_on_its_samples():
-    many, few = flights(0.3), flights(0.2, own=1).take(slice(10))
-    for one, other in ((many, few), (few, many)):
+    complete, partial = flights(0.3), flights(0.2, scatter=1).take(slice(10))
+    for one, other in ((complete, partial), (partial, complete)):
         assert compare_common_samples(one, other) == compare_common_samples(
             *(each.take(slice(10)) for each in (one, other))
         )
@@ -102,7 +109,7 @@ def test_a_controller_with_fewer_samples_is_compared_only_on_its_samples():
 
 def test_a_controller_with_fewer_samples_cannot_be_the_best():
     found = evaluation()
-    found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, own=9).take(slice(10))}
+    found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, scatter=9).take(slice(10))}
     assert best_controllers(found, "outdoor") == ["pd", "indi"]
     found.flights["outdoor"]["indi"] = flights(0.1).take(slice(10))
     assert best_controllers(found, "outdoor") == ["pd"]
@@ -120,7 +127,7 @@ def test_a_claim_does_not_hold_with_more_crashes_despite_a_smaller_error():
     assert "reduction of the RMSE: 28." in claim.evidence
     # The claim holds if the controller with the network has a smaller error and the base controller crashes more often.
     found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
-    found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
+    found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, scatter=2)
     assert verdicts(found)[claim.statement] == "holds"
 
 
@@ -223,7 +230,7 @@ def test_the_report_describes_the_protocol_with_its_values(found):
     claims = all_claims(found)
     text = " ".join(report_markdown(found, claims, [*CAPTIONS]).split())
     budget, limit = Budget(), LoopLimit()
-    for words in (
+    for phrase in (
         f"flown in 4 laboratories with {NUM_FLIGHTS} samples each",
         f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
         f" {FIRST_EVALUATION_SAMPLE} on",
@@ -234,7 +241,7 @@ def test_the_report_describes_the_protocol_with_its_values(found):
         "trained in some of these laboratories: laboratory: low wind and high wind; outdoor: outdoor;",
         f"in machine code on {machine()}.",
     ):
-        assert words in text
+        assert phrase in text
     assert all(f"figures/{name}.png" in text for name in CAPTIONS)
     entries = controller_entries(on_board=False, maps=True)
     rows = rows_of(report_markdown(found, claims, []))
@@ -250,8 +257,8 @@ def test_the_report_lists_each_rule_with_the_numbers_of_its_claims(found):
         assert [each.statement, each.evidence, f"**{each.verdict}**"] in rows_of(text)
     assert f"The verdicts are: {verdict_counts(claims)}." in text
     for rule in {each.rule for each in claims}:
-        own = [str(i) for i, each in enumerate(claims, start=1) if each.rule == rule]
-        assert f"- {rule}: {', '.join(own)}\n" in text
+        numbers = [str(i) for i, each in enumerate(claims, start=1) if each.rule == rule]
+        assert f"- {rule}: {', '.join(numbers)}\n" in text
 
 
 def test_controller_entries_without_a_design_are_listed(found):
@@ -260,13 +267,16 @@ def test_controller_entries_without_a_design_are_listed(found):
     known = controller_entries(on_board=False, maps=False)
     names = [each.label for name, each in known.items() if name not in found.traits["outdoor"]]
     assert line == f"- outdoor: {', '.join(names)}"
-    whole = evaluation()
+    complete = evaluation()
     for name, family in FAMILIES.items():
         names = controller_entries(on_board=family.on_board, maps=family.maps)
-        whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
-        for place in family.laboratories:
-            whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}
-    assert "All controllers have a design for each family." in report_markdown(whole, all_claims(whole), [])
+        complete.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
+        for laboratory in family.laboratories:
+            complete.flights[laboratory] = {
+                **complete.flights.get(laboratory, {}),
+                **dict.fromkeys(names, flights(0.1)),
+            }
+    assert "All controllers have a design for each family." in report_markdown(complete, all_claims(complete), [])
 
 
 def test_the_best_controllers_of_each_laboratory_are_named():
@@ -300,12 +310,14 @@ def test_the_summary_has_the_metrics_intervals_and_traits_of_each_controller(fou
     assert summary["peak"][row] == 3.25
     assert [summary[f"effort_{axis}"][row] for axis in "xyz"] == [4.25, 5.25, 6.25]
     assert [summary[name][row] for name in Traits._fields[:5]] == [2.2, 0.06, 0.09, 80e-6, 1e-6]
-    flown = [(place, name) for place in ("no wind", "low wind", "high wind") for name in found.traits["laboratory"]]
+    flown = [
+        (laboratory, name) for laboratory in ("no wind", "low wind", "high wind") for name in found.traits["laboratory"]
+    ]
     flown += [("outdoor", name) for name in found.traits["outdoor"]]
     assert list(zip(summary["laboratory"], summary["controller"], strict=True)) == flown
 
 
 def test_a_larger_error_is_a_negative_reduction():
-    compared = comparisons_by_laboratory(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
+    compared = comparisons_by_laboratory(evaluation(type_1_ratio=1.1), "pd_t1fnn", "pd")["outdoor"]
     assert reduction(compared.ratio).value == pytest.approx(-0.1, abs=0.002)
     assert reduction(compared.ratio).low < reduction(compared.ratio).value < reduction(compared.ratio).high < 0.0

@@ -1,4 +1,4 @@
-"""Compilation of exported projects with declarations of the published interfaces, and flights with them."""
+"""Builds of exported projects against declarations of the published interfaces, and flights with these builds."""
 
 import ctypes
 import re
@@ -92,7 +92,7 @@ def call(library, seconds, inputs):
 
 
 class Platform(LeafSystem):
-    """Controller that runs in a project. A driver, which replaces the project's platform, calls the project.
+    """System that runs a project's controller. A driver calls the project in place of the project's platform.
 
     Args:
         library: library of the project and the driver, with the driver's function `step`.
@@ -116,7 +116,7 @@ class Platform(LeafSystem):
         if step == self._steps:  # Drake evaluates the output once for each step
             self._steps += 1
             signals = [self.get_input_port(i).Eval(context) for i in range(3)]
-            # The clock of a platform does not show zero at the first step of the controller.
+            # The clock of a real platform is not zero at the first step of the controller.
             self._command = call(self._library, 1.0 + self._period * step, self._encode(*signals))
         output.SetFromVector(self._decode(self._command))
 

@@ -411,11 +411,11 @@ def test_a_requirement_with_the_name_of_a_metric_is_refused():
 def test_a_comparison_prefers_the_larger_value_if_larger_is_better():
     scenario = load_scenario("laboratory:low_wind", [additional(tube={"kind": "time_in_tube", "radius": 0.05})])
     metrics = fly_samples(scenario, range(6))
-    worse = metrics._replace(tube=metrics.tube / 2.0)
-    comparison = compare(worse, metrics, "tube")
+    smaller = metrics._replace(tube=metrics.tube / 2.0)
+    comparison = compare(smaller, metrics, "tube")
     assert (comparison.better.value, comparison.num_pairs) == (0.0, 6)
     assert comparison.ratio.value == pytest.approx(0.5)  # defined, because times are not negative
-    assert compare(metrics, worse, "tube").better.value == 1.0
+    assert compare(metrics, smaller, "tube").better.value == 1.0
 
 
 def test_the_page_on_metrics_lists_all_metric_kinds_and_derived_signals(root):

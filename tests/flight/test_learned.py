@@ -44,10 +44,12 @@ def test_learned_fuzzy_sets_are_used_even_if_a_flight_only_adapts_the_weights(as
     """The first corrections are the same whether or not the flight adapts the fuzzy sets further."""
     file = save_network(simulated_flight(asymmetric, FEW_RULES, ADAPTIVE_SETS), tmp_path / "learned.yaml")
     learned = f"control.network.learned={file}"
-    fixed, free = (simulated_flight(asymmetric, FEW_RULES, learned, *more) for more in ([], [ADAPTIVE_SETS]))
-    np.testing.assert_array_equal(fixed["correction"][:2], free["correction"][:2])
-    assert np.abs(fixed["correction"][1]).min() > 0.0
-    assert "antecedents" not in fixed.signals
+    constant_sets, adaptive_sets = (
+        simulated_flight(asymmetric, FEW_RULES, learned, *overrides) for overrides in ([], [ADAPTIVE_SETS])
+    )
+    np.testing.assert_array_equal(constant_sets["correction"][:2], adaptive_sets["correction"][:2])
+    assert np.abs(constant_sets["correction"][1]).min() > 0.0
+    assert "antecedents" not in constant_sets.signals
 
 
 @pytest.mark.long

@@ -142,7 +142,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
 
 @pytest.mark.long
 def test_a_network_can_be_combined_with_the_regulator():
-    """The network learns from the feedback, which includes the estimated disturbance, in compiled and wired flights."""
+    """The network learns from the feedback, which includes the estimated disturbance."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"
         " z: {scale: 2, centres: [-1, 1], widths: [2, 2]}}, lead: 0.1,"
@@ -157,8 +157,8 @@ def test_a_network_can_be_combined_with_the_regulator():
 
 def test_a_position_controller_cannot_replace_the_regulator():
     gains = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))
-    own = build_position_controller(ProportionalDerivative(parameters=gains))
+    position_controller = build_position_controller(ProportionalDerivative(parameters=gains))
     with pytest.raises(
         InputError, match="control of nominal is of kind lqg, which has no position_controller to replace"
     ):
-        build_tracking_diagram(scenario_of("laboratory.yaml:nominal"), position_controller=own)
+        build_tracking_diagram(scenario_of("laboratory.yaml:nominal"), position_controller=position_controller)

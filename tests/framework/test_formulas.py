@@ -16,8 +16,8 @@ TICK_PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]  # s
 
 
 @pytest.mark.parametrize("period", TICK_PERIODS)
-def test_the_number_of_a_tick_is_twice_the_number_of_its_pair_plus_its_place_in_the_pair(period):
-    """Times that differ from the time of a tick by less than half a period have the number of this tick."""
+def test_a_tick_number_is_twice_the_pair_number_plus_one_for_the_second_tick_of_a_pair(period):
+    """A time that differs from the time of a tick by less than half a period has the number of this tick."""
     ticks = CurrentTick(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):

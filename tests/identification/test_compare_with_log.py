@@ -1,4 +1,4 @@
-"""The command `compare-log`, applied to logs of a Crazyflie whose controller is known."""
+"""Tests of the command `compare-log` with logs of a Crazyflie whose controller is known."""
 
 import csv
 import re
@@ -61,8 +61,7 @@ def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
 
 @pytest.mark.long
 def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(compare, monkeypatch):
-    """The true thrust factor predicts better than the thrust factor of the data sheet, even if the filter keeps its
-    initial noise."""
+    """The filter keeps its initial noise. The true thrust factor predicts better than that of the data sheet."""
     monkeypatch.setattr(prediction, "fit", lambda predictor, parameters, noise: SimpleNamespace(noise=noise))
     mass, file = "nominal.mass=0.0375", "diagrams/vehicles/crazyflie.yaml"
     given = ["--set", mass, "--set", "vehicle.thrust_factor=3.025e-8"]

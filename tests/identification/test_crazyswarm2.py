@@ -1,4 +1,4 @@
-"""Scenarios of the four Crazyflies: gains of the controller and stability."""
+"""Tests of the scenarios of four real Crazyflies: the gains of their controllers, and stability."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Estimates of parameters: names, valid values and uncertainty."""
+"""Tests of parameter estimates: names, valid values and uncertainty."""
 
 import numpy as np
 import pytest

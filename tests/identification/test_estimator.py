@@ -1,4 +1,4 @@
-"""Errors of an estimated velocity, from synthetic flights whose velocity error is known."""
+"""Tests of the estimated errors of a logged velocity, with synthetic flights whose velocity error is known."""
 
 from dataclasses import replace
 
@@ -44,8 +44,8 @@ def test_scale_error_drift_and_correlation_time_are_recovered(noise):
     assert abs(found.scale_error[0].value - SCALE_ERROR) < 3.0 * found.scale_error[0].deviation
     assert found.scale_error[0].deviation < 0.02
     assert [fraction.value for fraction in found.scale_error[1:]] == [0.0, 0.0]
-    # Standard deviation of means over 0.1 s of the correlated velocity error. The log contains 240 independent values,
-    # which determine it to 5 %.
+    # The drift is the standard deviation of the correlated velocity error, averaged over 0.1 s. The log contains 240
+    # independent values, which determine the drift to 5 %.
     ratio = 0.1 / CORRELATION_TIME
     seen = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
     np.testing.assert_allclose(found.drift, seen, rtol=0.15)

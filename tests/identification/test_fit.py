@@ -35,29 +35,29 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
     _, rows, values = line_fit(12, 7, seed=0)
     blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
 
-    def fitted(kept: np.ndarray) -> np.ndarray:
-        own, measured = rows[kept].reshape(-1, 2), values[kept].ravel()
-        return np.linalg.solve(own.T @ own + np.diag(prior), own.T @ measured + prior * mean)
+    def fitted(included: np.ndarray) -> np.ndarray:
+        result, measured = rows[included].reshape(-1, 2), values[included].ravel()
+        return np.linalg.solve(result.T @ result + np.diag(prior), result.T @ measured + prior * mean)
 
-    whole = fitted(np.full(12, True))
-    moves = np.array([fitted(blocks != b) - whole for b in range(4)])
-    expected = 3 / 4 * moves.T @ moves
+    complete_fit = fitted(np.full(12, True))
+    changes = np.array([fitted(blocks != b) - complete_fit for b in range(4)])
+    expected = 3 / 4 * changes.T @ changes
     if adjacent:
-        first, then = moves[:-1], moves[1:]
-        expected += 3 / 4 * 0.5 * (first.T @ then + then.T @ first)
+        first, second = changes[:-1], changes[1:]
+        expected += 3 / 4 * 0.5 * (first.T @ second + second.T @ first)
     inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
     expected += inverse @ np.diag(prior) @ inverse
     # Each variance is at least the variance for a correct model, which is on the diagonal of `inverse`.
-    wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
-    found = PredictionFit(whole, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ whole, prior)
+    scale = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
+    found = PredictionFit(complete_fit, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ complete_fit, prior)
     if adjacent:
-        own = found.uncertainty(blocks)
+        result = found.uncertainty(blocks)
     else:
-        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.jacobian, found.jacobian), blocks)
+        information = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.jacobian, found.jacobian), blocks)
         scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.jacobian, found.errors), blocks)
-        own = jackknife(told, scores, prior=prior)
-    np.testing.assert_allclose(own.covariance, expected * np.outer(wider, wider), rtol=1e-9)
-    np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
+        result = jackknife(information, scores, prior=prior)
+    np.testing.assert_allclose(result.covariance, expected * np.outer(scale, scale), rtol=1e-9)
+    np.testing.assert_allclose(result.model, inverse, rtol=1e-9)
 
 
 def test_the_jackknife_variance_is_at_least_the_variance_for_a_correct_model() -> None:
@@ -72,11 +72,11 @@ def test_condensed_residuals_keep_the_normal_equations_and_the_sum_of_squares() 
     """The columns differ by eight orders of magnitude, like the derivatives for an inertia and a time constant."""
     rng = np.random.default_rng(4)
     jacobian, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
-    few, short = fitting._condensed(residuals, jacobian)
-    assert (few.shape, short.shape) == ((5,), (5, 4))
-    np.testing.assert_allclose(few @ few, residuals @ residuals)
-    np.testing.assert_allclose(short.T @ short, jacobian.T @ jacobian, rtol=1e-9)
-    np.testing.assert_allclose(short.T @ few, jacobian.T @ residuals, rtol=1e-9)
+    condensed_residuals, condensed_jacobian = fitting._condensed(residuals, jacobian)
+    assert (condensed_residuals.shape, condensed_jacobian.shape) == ((5,), (5, 4))
+    np.testing.assert_allclose(condensed_residuals @ condensed_residuals, residuals @ residuals)
+    np.testing.assert_allclose(condensed_jacobian.T @ condensed_jacobian, jacobian.T @ jacobian, rtol=1e-9)
+    np.testing.assert_allclose(condensed_jacobian.T @ condensed_residuals, jacobian.T @ residuals, rtol=1e-9)
 
 
 def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
@@ -84,18 +84,18 @@ def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
 
     The standard deviation of their mean is a fifth of the standard deviation of the mean of n.
     """
-    said, off = {}, []
+    variances, mean_errors = {}, []
     for seed in range(300):
         noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more noise than the model expects
         errors = (noise[1:] - 0.8 * noise[:-1])[:, None, None]
-        off.append(errors.mean())
+        mean_errors.append(errors.mean())
         information, scores = np.ones((40, 1, 1)), -(errors - errors.mean())[:, 0]
         for adjacent in (True, False):
             found = jackknife(information, scores, adjacent=adjacent)
-            said.setdefault(adjacent, []).append(float(found.covariance[0, 0]))
-    variance = float(np.mean(np.square(off)))
-    assert np.mean(said[False]) > 20.0 * variance
-    assert np.mean(said[True]) < 0.55 * np.mean(said[False])
+            variances.setdefault(adjacent, []).append(float(found.covariance[0, 0]))
+    variance = float(np.mean(np.square(mean_errors)))
+    assert np.mean(variances[False]) > 20.0 * variance
+    assert np.mean(variances[True]) < 0.55 * np.mean(variances[False])
 
 
 def test_degrees_of_freedom_count_the_informative_blocks() -> None:
@@ -280,18 +280,18 @@ def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool)
 class DriftingPredictor(LinearPredictor):
     """Stub of a predictor of a constant. The measured constant changes at the start of each round of the fit."""
 
-    def __init__(self, moves: list[float]) -> None:
+    def __init__(self, changes: list[float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.zeros((40, 5)))
-        self.moves, self.rounds = moves, 0
+        self.changes, self.rounds = changes, 0
 
     def continue_windows(self, *_: object) -> None:
-        if self.rounds < len(self.moves):
-            self.target = self.target + self.moves[self.rounds]
+        if self.rounds < len(self.changes):
+            self.target = self.target + self.changes[self.rounds]
         self.rounds += 1
 
 
 @pytest.mark.parametrize(
-    ("moves", "rounds"),
+    ("changes", "rounds"),
     [
         # A fit has at least three and at most eight rounds.
         ([], 3),
@@ -304,15 +304,15 @@ class DriftingPredictor(LinearPredictor):
     ],
 )
 def test_fitting_rounds_continue_while_an_estimate_changes(
-    monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
+    monkeypatch: pytest.MonkeyPatch, changes: list[float], rounds: int
 ) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
-    predictor = DriftingPredictor(moves)
+    predictor = DriftingPredictor(changes)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == rounds
-    assert found.values[0] == pytest.approx(sum(moves[: rounds - 1]), abs=1e-3)
+    assert found.values[0] == pytest.approx(sum(changes[: rounds - 1]), abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -337,7 +337,7 @@ def test_fitting_rounds_continue_while_a_disturbance_changes(
 
     monkeypatch.setattr(fitting, "_noise_of", noise_of)
     # The disturbance is already at its lower limit, so no smaller one is tried.
-    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, point, factors: point)
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
     found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == rounds
@@ -378,10 +378,10 @@ def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: 
     """The disturbance is not reduced below its lower limit, and axes with the factor 1 keep their values."""
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
-    at = point_at(predictor, parameters, noise_with(8.0))
-    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    start = point_at(predictor, parameters, noise_with(8.0))
+    found = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
-    assert (found is at) == (best == 8.0)
+    assert (found is start) == (best == 8.0)
     # The filter gains for the returned noise are computed only once.
     assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # The returned likelihood and gains were computed with the returned noise.
@@ -394,28 +394,28 @@ def test_parameters_are_not_refitted_if_the_disturbance_is_at_its_lower_limit() 
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
-    at = point_at(predictor, parameters, noise)
+    start = point_at(predictor, parameters, noise)
     searches = len(predictor.filters)
-    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
-    assert found is at
+    found = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    assert found is start
     assert len(predictor.filters) == searches
 
 
 @pytest.mark.parametrize("scattered", [False, True])
 def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered: bool) -> None:
-    """The initial disturbance has the largest likelihood as long as the parameters are not refitted.
+    """Without a refit of the parameters, the initial disturbance has the largest likelihood.
 
-    A fifth of this disturbance has a larger likelihood after a refit if the data do not scatter.
+    After a refit, a fifth of this disturbance has a larger likelihood, unless the data scatter.
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    at = point_at(predictor, parameters, noise_with(1.0))
+    start = point_at(predictor, parameters, noise_with(1.0))
     if scattered:
         predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
-    at = at._replace(values=np.zeros(1), likelihood=-100.0)
-    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    start = start._replace(values=np.zeros(1), likelihood=-100.0)
+    found = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     if scattered:
-        assert found is at
+        assert found is start
     else:
         assert found.noise.disturbance[3] == 0.2
         assert found.values[0] == pytest.approx(1.0, abs=1e-4)
@@ -425,7 +425,7 @@ def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered:
 def test_a_smaller_disturbance_is_fitted_only_if_the_search_may_reach_the_required_likelihood(
     ratio: float, fits: bool
 ) -> None:
-    """The derivatives predict that a search increases the log-likelihood by 100. Up to 300 are assumed possible."""
+    """The derivatives predict that a search increases the log-likelihood by 100. It may gain up to three times that."""
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
     parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
@@ -455,27 +455,27 @@ def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
     np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
 
 
-@pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
-@pytest.mark.parametrize("likelier", [True, False])
+@pytest.mark.parametrize(("mean", "starts_again"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
+@pytest.mark.parametrize("is_likelier", [True, False])
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
-    monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
+    monkeypatch: pytest.MonkeyPatch, mean: float, starts_again: bool, is_likelier: bool
 ) -> None:
     """The search is repeated from the prior mean if the result is more than two prior standard deviations away from it.
 
     The fit with the larger likelihood is returned.
     """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
-    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
-    small = 0.01
-    other = small * (0.5 if likelier else 2.0)
-    predictor = WhiteningPredictor(mean, lambda torque: other if torque < 1.0 else small)
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, point, factors: point)
+    deviation = 0.01
+    deviation_after_restart = deviation * (0.5 if is_likelier else 2.0)
+    predictor = WhiteningPredictor(mean, lambda torque: deviation_after_restart if torque < 1.0 else deviation)
     found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
     assert found.values[0] == pytest.approx(mean, abs=1e-3)
-    again = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
-    assert bool(again) == far
-    if far:
-        assert again[0] == (0.0, pytest.approx(0.05 * 4.0))
-    assert found.noise.disturbance[3] == pytest.approx(0.2 if far and likelier else 4.0)
+    repeated = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
+    assert bool(repeated) == starts_again
+    if starts_again:
+        assert repeated[0] == (0.0, pytest.approx(0.05 * 4.0))
+    assert found.noise.disturbance[3] == pytest.approx(0.2 if starts_again and is_likelier else 4.0)
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
@@ -484,20 +484,20 @@ def test_disturbing_forces_are_reduced_without_the_torques_and_vice_versa(
 ) -> None:
     """The likelihood depends either on the forces or on the torques, and only these are reduced."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
-    predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
+    predictor, axes = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
     filters = predictor.gains
 
     def gains(values: np.ndarray, noise: PredictionNoise) -> Gains:
         # The likelihood is largest for a disturbance of 0.04, for which the errors have the smallest standard
         # deviation.
-        deviation = np.exp(np.sum(np.log(noise.disturbance[own] / 0.04) ** 2))
+        deviation = np.exp(np.sum(np.log(noise.disturbance[axes] / 0.04) ** 2))
         return filters(values, noise)._replace(whitening=np.full((40, 5, 1, 1), 1.0 / deviation))
 
     predictor.gains = gains  # type: ignore[method-assign]
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
     found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
     expected = np.ones(6)
-    expected[own] = 0.2**2
+    expected[axes] = 0.2**2
     np.testing.assert_allclose(found, expected)
 
 
@@ -509,24 +509,24 @@ class QuadraticLikelihood:
         fraction: ratio of the returned information to the true one.
 
     Attributes:
-        asked: logarithms for which the likelihood was evaluated, in order.
-        derived: logarithms for which the derivatives were evaluated as well.
+        evaluated: logarithms for which the likelihood was evaluated, in order.
+        differentiated: logarithms for which the derivatives were evaluated as well.
     """
 
     def __init__(self, best: np.ndarray, fraction: float = 1.0) -> None:
         self.best, self.fraction = best, fraction
-        self.asked: list[np.ndarray] = []
-        self.derived: list[np.ndarray] = []
+        self.evaluated: list[np.ndarray] = []
+        self.differentiated: list[np.ndarray] = []
         self.chosen = self.free = np.empty(0, dtype=int)
 
     def __call__(
         self, predictor: object, gains: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
     ) -> tuple[float, np.ndarray, np.ndarray]:
-        if not any(logs is other for other in self.asked):
-            self.asked.append(logs)
+        if not any(logs is other for other in self.evaluated):
+            self.evaluated.append(logs)
         if len(free):
             self.chosen, self.free = chosen, free
-            self.derived.append(logs)
+            self.differentiated.append(logs)
         missing = (self.best - logs)[self.free]
         return float(-50.0 * missing @ missing), 100.0 * missing[: len(free)], self.fraction * 100.0 * np.eye(len(free))
 
@@ -565,7 +565,7 @@ def test_the_maximum_likelihood_noise_is_found_in_three_evaluations_if_the_likel
     best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best)
     np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
-    assert (len(likelihood.asked), len(likelihood.derived)) == (3, 2)
+    assert (len(likelihood.evaluated), len(likelihood.differentiated)) == (3, 2)
     # A search that begins at the maximum stays there.
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(INITIAL_LOG_NOISE)), INITIAL_LOG_NOISE)
 
@@ -576,30 +576,30 @@ def test_a_scoring_step_that_lowers_the_likelihood_is_shortened(monkeypatch: pyt
     likelihood = QuadraticLikelihood(best, fraction=0.25)
     found = noise_found(monkeypatch, likelihood)
     assert np.all(np.abs(found - best) < 0.5 * np.abs(INITIAL_LOG_NOISE - best))
-    distances = [float(np.linalg.norm(each - best)) for each in likelihood.asked]
+    distances = [float(np.linalg.norm(each - best)) for each in likelihood.evaluated]
     assert distances[1] > 2.0 * distances[0]
     assert np.linalg.norm(found - best) == pytest.approx(min(distances))
-    assert len(likelihood.asked) == 6
+    assert len(likelihood.evaluated) == 6
     # Derivatives are computed only where a step begins: at the start, and after each step that increased the
     # likelihood.
     likelier = [i for i in range(6) if distances[i] == min(distances[: i + 1])]
     assert len(likelier) > 1
-    expected = [likelihood.asked[i] for i in likelier if i < 5]
-    np.testing.assert_array_equal(likelihood.derived, expected)
+    expected = [likelihood.evaluated[i] for i in likelier if i < 5]
+    np.testing.assert_array_equal(likelihood.differentiated, expected)
 
 
 @pytest.mark.parametrize("likelihood", [-np.inf, np.nan])
 def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
     monkeypatch: pytest.MonkeyPatch, likelihood: float
 ) -> None:
-    asked = []
+    calls = []
 
-    def unlikely(*arguments: object) -> tuple[float, np.ndarray, np.ndarray]:
-        asked.append(arguments)
+    def not_finite(*arguments: object) -> tuple[float, np.ndarray, np.ndarray]:
+        calls.append(arguments)
         return likelihood, np.full(14, np.nan), np.full((14, 14), np.nan)
 
-    np.testing.assert_allclose(noise_found(monkeypatch, unlikely), INITIAL_LOG_NOISE)  # type: ignore[arg-type]
-    assert len(asked) == 1
+    np.testing.assert_allclose(noise_found(monkeypatch, not_finite), INITIAL_LOG_NOISE)  # type: ignore[arg-type]
+    assert len(calls) == 1
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])

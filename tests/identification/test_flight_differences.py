@@ -1,4 +1,4 @@
-"""Thrust, trim force and wind of single flights, and the distribution for the next flight."""
+"""Tests of the thrust, trim force and wind of single flights, and of their distribution for the next flight."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -168,8 +168,8 @@ WINDOW_LENGTH = 8
 def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:
     """Return logs, predictor and fit of flights, and the forces (W, T, 2) that the filter estimates, N.
 
-    Each flight has several windows. As in a filter, the gains contain the force that is predicted for the next sample:
-    a decaying and a constant part.
+    Each flight has several windows. As in a filter, the field `disturbance` of the gains contains the force that is
+    predicted for the next sample. It consists of a decaying and a constant part.
     """
     random, mass = np.random.default_rng(8), 0.7
     total, settle, period = sum(counts), 3, 0.02
@@ -203,8 +203,7 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
 
 
 def test_forces_of_a_flight_follow_from_the_filter_in_its_windows() -> None:
-    """Two windows of two seconds form a block, but the blocks of the short flight are shorter, since each flight has at
-    least five blocks."""
+    """Two windows of two seconds form a block. The short flight has shorter blocks, since it needs at least five."""
     counts = [24, 8]
     logs, predictor, fitted, force = logs_with_forces(counts)
     evidence, _ = evidence_of(np.array([0.0, 0.0]), 16)

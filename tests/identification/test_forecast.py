@@ -1,4 +1,4 @@
-"""Fraction of the variance that a forecast explains, compared with coasting."""
+"""Tests of the fraction of the variance that a forecast explains, relative to motion at constant rates."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""The part of a log in free flight, and predictions of flights with a take-off."""
+"""Tests of the detection of free flight in a log, and of predictions that begin at a take-off."""
 
 from dataclasses import replace
 

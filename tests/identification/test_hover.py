@@ -1,4 +1,4 @@
-"""Noise, trim and delay of a log, compared with the values of the synthetic data."""
+"""Tests of the noise, trim and delay that are estimated from a log, with synthetic data."""
 
 import numpy as np
 import pytest
@@ -84,8 +84,8 @@ def test_noise_is_estimated_only_far_from_take_off_and_landing():
     (noise,) = white_noise(logged)
     np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
     # The noise in flight is estimated between 9 s and 19 s. Samples near take-off and landing are not used.
-    loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
-    position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
+    deviation = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
+    position = deviation[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
     (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
     np.testing.assert_allclose(noise.at_rest, [1e-3, 2e-3, 3e-3], rtol=0.1)
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
@@ -101,15 +101,17 @@ def test_noise_is_the_size_of_third_differences_over_the_norm_of_their_coefficie
 def test_noise_is_not_estimated_across_a_gap_or_from_few_samples():
     """Third differences need four successive samples."""
     random = np.random.default_rng(3)
-    whole = hovering(position=1e-3 * random.normal(size=(2000, 3)))
-    jumping = whole.position + np.where(whole.time > 10.0, 5.0, 0.0)[:, None]
-    late = whole.time + np.where(whole.time > 10.0, 0.02, 0.0)
-    (noise,) = (each for each in white_noise(FlightRecord("gap", late, position=jumping)) if each.signal == "position")
+    log = hovering(position=1e-3 * random.normal(size=(2000, 3)))
+    jumping = log.position + np.where(log.time > 10.0, 5.0, 0.0)[:, None]
+    time_with_gap = log.time + np.where(log.time > 10.0, 0.02, 0.0)
+    (noise,) = (
+        each for each in white_noise(FlightRecord("gap", time_with_gap, position=jumping)) if each.signal == "position"
+    )
     np.testing.assert_allclose(noise.in_flight, 1e-3, rtol=0.1)
     # 30 differences are enough: 33 samples have 30 of them, and 32 samples have 29.
-    for count, told in ((33, True), (32, False)):
-        (noise,) = white_noise(FlightRecord("short", whole.time[:count], position=whole.position[:count]))
-        assert np.isfinite(noise.in_flight).all() == told
+    for count, is_estimated in ((33, True), (32, False)):
+        (noise,) = white_noise(FlightRecord("short", log.time[:count], position=log.position[:count]))
+        assert np.isfinite(noise.in_flight).all() == is_estimated
         assert np.isnan(noise.at_rest).all()
 
 

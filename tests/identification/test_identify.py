@@ -1,4 +1,4 @@
-"""Outputs, candidate parameters and error messages of an identification."""
+"""Tests of the outputs, candidate parameters and error messages of an identification."""
 
 from types import SimpleNamespace
 

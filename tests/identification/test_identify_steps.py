@@ -1,4 +1,4 @@
-"""Steps of an identification before and after the fit: choice of windows and parameters, and results."""
+"""Tests of the steps before and after the fit: choice of windows and parameters, and results."""
 
 from types import SimpleNamespace
 
@@ -195,7 +195,7 @@ def test_an_identified_vehicle_has_the_estimated_values_and_the_estimated_total_
 
 
 def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None):
-    """Return the identification from a made fit, and the fit, its predictor and its parameters."""
+    """Return the identification that follows from an artificial fit, and this fit, its predictor and its parameters."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
     parameters = module.parameters_of(

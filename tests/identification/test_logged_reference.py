@@ -1,4 +1,4 @@
-"""The reference of a log as a route, compared with known paths."""
+"""Tests that the reference in a log becomes a route, by comparison with known paths."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Conversion of columns to signals on one clock: choice of the clock, choice of signals, interpolation."""
+"""Tests of the conversion of columns to signals on one clock: choice of clock and signals, and interpolation."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,4 @@
-"""Logs of Crazyflies: values are converted to SI units and the frames of this library, and real flights agree with
-physics."""
+"""Tests of Crazyflie logs: conversion to SI units and the frames of this library, and consistency of real flights."""
 
 import lzma
 import math

@@ -1,4 +1,4 @@
-"""Possible faults of logged signals, and their repairs."""
+"""Tests of the possible faults of logged signals and their repairs."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Logs of each format are recognised by their content, and read as the values that were written."""
+"""Tests that the format of a log is recognised by its content, and that the written values are read back."""
 
 import io
 import json

@@ -1,4 +1,7 @@
-"""Arbitrary bytes quickly give a valid record or one error sentence. `FUZZ_CASES` sets the number of cases."""
+"""Tests that arbitrary bytes quickly give a valid record or a one-sentence error.
+
+The environment variable `FUZZ_CASES` sets the number of cases.
+"""
 
 import functools
 import io

@@ -1,4 +1,4 @@
-"""Logs with impossible values, in each format, give a record of finite signals or one error sentence."""
+"""Tests that logs with impossible values give a record of finite signals or a one-sentence error, in each format."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Units of logs, and the limits beyond which a log is reported as doubtful."""
+"""Tests of the units of logs, and of the limits beyond which a log is reported as doubtful."""
 
 import numpy as np
 import pytest

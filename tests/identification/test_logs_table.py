@@ -1,4 +1,4 @@
-"""CSV logs with a mapping: units, frames, order of rotors, flights of this library, and error messages."""
+"""Tests of CSV logs with a mapping: units, frames, rotor order, flights saved by this library, and error messages."""
 
 import gzip
 import json

@@ -1,4 +1,4 @@
-"""Clocks with jumps, repeated times, gaps and jitter."""
+"""Tests of logs whose clocks have jumps, repeated times, gaps and jitter."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The model of a log: disturbances, specific force, rotors, and the delay of commands."""
+"""Tests of the model that predicts a log: disturbances, specific force, rotors, and the delay of commands."""
 
 import numpy as np
 import pytest
@@ -61,21 +61,23 @@ def in_world():
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, kind):
-    """In a step of duration h, an acceleration a displaces the vehicle by a h²/2, along axes of W or initial axes of
-    the body."""
+    """In a step of duration h, an acceleration a displaces the vehicle by a h²/2.
+
+    The disturbance acts along the axes of W, or along the initial axes of the body.
+    """
     h = 0.02
-    quiet, pushed = (
+    undisturbed, disturbed = (
         np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind)[0])
         for d in (NO_DISTURBANCE, DISTURBANCE)
     )
     force = np.array([DISTURBANCE.x + DISTURBANCE.constant_x, DISTURBANCE.y + DISTURBANCE.constant_y, DISTURBANCE.z])
     if kind == "body":
         force = in_world().apply(force)
-    moved = pushed - quiet
-    np.testing.assert_allclose(moved[:3], 0.5 * h**2 * force, atol=1e-12)
-    np.testing.assert_allclose(moved[3:6], 0.0, atol=1e-12)
-    np.testing.assert_allclose(moved[6:9], h * force, atol=1e-12)
-    np.testing.assert_allclose(moved[9:], h * np.array([DISTURBANCE.p, DISTURBANCE.q, DISTURBANCE.r]), atol=1e-12)
+    change = disturbed - undisturbed
+    np.testing.assert_allclose(change[:3], 0.5 * h**2 * force, atol=1e-12)
+    np.testing.assert_allclose(change[3:6], 0.0, atol=1e-12)
+    np.testing.assert_allclose(change[6:9], h * force, atol=1e-12)
+    np.testing.assert_allclose(change[9:], h * np.array([DISTURBANCE.p, DISTURBANCE.q, DISTURBANCE.r]), atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
@@ -97,9 +99,9 @@ def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, 
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
     found = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), model_parameters))
-    for now, told, after in zip(SPEEDS, command, found, strict=True):
-        lag = vehicle.rotor_time_constant if told > now else vehicle.rotor_time_constant_down
-        assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
+    for before, target, after in zip(SPEEDS, command, found, strict=True):
+        lag = vehicle.rotor_time_constant if target > before else vehicle.rotor_time_constant_down
+        assert after == pytest.approx(target + (before - target) * np.exp(-h / lag))
     np.testing.assert_allclose(
         found,
         step(STATE, SPEEDS, command, LEVEL, STILL, NO_DISTURBANCE, Span(h, 1.0), model_parameters, "world")[1],
@@ -109,10 +111,10 @@ def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, 
 
 def test_constant_throttles_give_the_thrust_of_the_curve(scenario):
     vehicle = with_throttles(scenario).vehicle
-    own = ModelParameters(vehicle_parameters(vehicle), vehicle.effect_parameters(), None)
+    model_parameters = ModelParameters(vehicle_parameters(vehicle), vehicle.effect_parameters(), None)
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
     k_0, k_1, k_2 = vehicle.motors.curve
-    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), own))
+    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), model_parameters))
     fractions = np.array(throttles)
     np.testing.assert_allclose(thrusts, k_0 + k_1 * fractions + k_2 * fractions**2)
 

@@ -1,4 +1,4 @@
-"""Commands that drive the model: logged commands, or the firmware's allocation of thrust and torque."""
+"""Tests of the commands that drive the model: logged commands, or thrust and torque that the firmware allocates."""
 
 from dataclasses import replace
 

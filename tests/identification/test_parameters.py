@@ -1,4 +1,4 @@
-"""Candidate parameters for the outputs of a log, and their priors."""
+"""Tests of the candidate parameters for the outputs of a log, and of their priors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Physical limits of inertia and thrust curve, as bounds of search variables."""
+"""Tests of the physical limits of inertia and thrust curve, as bounds of the search variables."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Position laws identified from logs, compared with the laws that flew."""
+"""Tests of position laws that are identified from logs, by comparison with the laws that were flown."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Conversion of identified position laws to the `control` section of a scenario."""
+"""Tests of the conversion of identified position laws to the `control` section of a scenario."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Stretches of flight to which a position control law is fitted, and the output of the law in a log."""
+"""Tests of the stretches of flight to which a position law is fitted, and of the output of the law in a log."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Open-loop prediction: errors of the true vehicle, of a wrong one, and of motion at constant rates."""
+"""Tests of open-loop predictions: errors of the true vehicle, of a wrong one, and of motion at constant rates."""
 
 import math
 from dataclasses import replace

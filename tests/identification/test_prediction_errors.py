@@ -1,4 +1,4 @@
-"""The filter that predicts a log one measurement ahead, compared with the formulas of a Kalman filter."""
+"""Tests of the filter that predicts a log one measurement ahead, by comparison with the Kalman filter equations."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Logs prepared for the forward model: rates, windows, forces and initial noise."""
+"""Tests of the preparation of logs for the forward model: rates, windows, forces and initial noise."""
 
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
-"""Parameters that vary between stretches of flight: tests with known solutions, refits of single stretches, and the
-coverage of intervals."""
+"""Tests of parameters that vary between stretches of flight.
+
+The tests compare with known solutions and with refits of single stretches, and check the coverage of intervals.
+"""
 
 import numpy as np
 import pytest

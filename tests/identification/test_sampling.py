@@ -1,4 +1,4 @@
-"""Missing commands between samples, drifting clocks, and estimates that missing commands distort."""
+"""Tests of missing commands between samples, of drifting clocks, and of estimates that missing commands distort."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Simulated flights of known vehicles, which are used to check identification."""
+"""Tests of the simulated flights of known vehicles with which identification is checked."""
 
 import numpy as np
 import pytest

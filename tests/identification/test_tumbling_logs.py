@@ -1,4 +1,4 @@
-"""Tumbling vehicles with logged commands."""
+"""Tests of the predicted motion of tumbling vehicles whose commands are logged."""
 
 import numpy as np
 import pytest

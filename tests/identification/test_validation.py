@@ -1,4 +1,4 @@
-"""Comparison of logged and predicted flights, with logs that are simulated by this library."""
+"""Tests of the comparison of logged and predicted flights, with logs that this library simulates."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Files of identified vehicles: values, distributions, comments, and their use in scenarios and studies."""
+"""Tests of files of identified vehicles: values, distributions, comments, and use in scenarios and studies."""
 
 import itertools
 import os

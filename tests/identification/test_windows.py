@@ -1,4 +1,4 @@
-"""Selection of airborne windows in a record, and reduction of its sampling rate."""
+"""Tests of the selection of airborne windows in a record, and of the reduction of its sampling rate."""
 
 import numpy as np
 import pytest

@@ -80,8 +80,8 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
-        # The horizontal thrust in the state of the chain belongs to the vertical thrust of the last command. It is scaled
-        # to the estimated vertical thrust.
+        # The horizontal thrust in the chain belongs to the vertical thrust of the last command. The filter scales it to
+        # the estimated vertical thrust.
         offset = (
             0.0
             if s is None
