@@ -89,7 +89,7 @@ def _no_result_cache(request, monkeypatch):
     The fixture `cached_results` enables the cache for tests of pages, scripts and commands, which share results.
     """
     if "cached_results" not in request.fixturenames:
-        monkeypatch.setattr(result_cache, "_program", lambda: None)
+        monkeypatch.setattr(result_cache, "_environment", lambda: None)
 
 
 @pytest.fixture

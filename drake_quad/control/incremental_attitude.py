@@ -29,7 +29,7 @@ class IncrementalAttitudeParameters(NamedTuple):
 
 
 def _corrected_command(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
-    """Return the memory after the measurement, and the commanded angular acceleration.
+    """Return the memory corrected by the measurement, and the commanded angular acceleration α_c - d.
 
     The arguments are as in `incremental_torque`.
     """

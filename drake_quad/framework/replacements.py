@@ -70,8 +70,8 @@ The names in the expressions are rows, `math`, and the functions of `drake_quad.
 rows.
 """
 
-# Further function names, each with the key of `REPLACEMENTS` whose expression applies. A further name is another name
-# of the same function, or the name of a function that has the same replacement.
+# Function names that are not keys of `REPLACEMENTS`, each with the key whose expression also replaces this function.
+# Most of these names are aliases.
 _OTHER_NAMES = {
     "abs": "absolute",
     "acos": "arccos",

@@ -3,13 +3,14 @@
 A formula is plain Python. If it is executed on symbols instead of numbers, all its operations are recorded in a
 `Listing`, from which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a
 constant, is executed during tracing. A row is a quantity that has one value for each vehicle of a fleet. A formula
-cannot branch on a row. `drake_quad.framework.elementary` contains three replacements:
+cannot branch on a row. `drake_quad.framework.elementary` contains two functions that select instead:
 
 - `where` selects one of two rows.
 - `lazy_where` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
   `Branch`.
-- `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
-  similar lines.
+
+A Python loop over the weights of a network would record thousands of similar lines. The function `dense` evaluates a
+layer of a network and records a `SymbolLayer` instead, which becomes a loop.
 
 A call of an elementary function, such as the sine, is recorded as the operations of its approximation. If the generated
 code can call elementary functions, as in C, the listing records a `Function` instead.
@@ -55,8 +56,8 @@ class Operation(NamedTuple):
         operands: numbers of the lines that are the operands. Operations in `LEAVES` have other operands: the bits of a
             constant, the group of a row and its index in the group, or the index of a shared value.
         kind: type of the result.
-        inside: branch, layer or function that computes this line, and the index of the line among its results; None for
-            other operations. The first operand of a branch is the mask of the vehicles that need the branch.
+        inside: for the operations "branch", "layer" and "function", the called part and the index of the line among its
+            results; None for other operations. The first operand of a branch is the mask of the vehicles that need it.
     """
 
     name: str
@@ -305,7 +306,7 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
     return operator, reflected
 
 
-def _refused(function: str, name: str) -> Callable[..., Any]:
+def _unsupported(function: str, name: str) -> Callable[..., Any]:
     """Return a method that raises the TypeError for an operator or function that a formula cannot apply to rows.
 
     Args:
@@ -361,14 +362,14 @@ class Symbol:
     def __pow__(self, exponent: Any) -> "Symbol":
         raise power_error(exponent)
 
-    __rpow__ = _refused("`**`", "power")
-    __floordiv__ = __rfloordiv__ = _refused("`//`", "floor_divide")
-    __mod__ = __rmod__ = _refused("`%`", "remainder")
-    __divmod__ = __rdivmod__ = _refused("divmod", "remainder")
-    __invert__ = _refused("`~`", "logical_not")
-    __round__ = _refused("round", "round")
-    __floor__ = _refused("math.floor", "floor")
-    __ceil__ = _refused("math.ceil", "ceil")
+    __rpow__ = _unsupported("`**`", "power")
+    __floordiv__ = __rfloordiv__ = _unsupported("`//`", "floor_divide")
+    __mod__ = __rmod__ = _unsupported("`%`", "remainder")
+    __divmod__ = __rdivmod__ = _unsupported("divmod", "remainder")
+    __invert__ = _unsupported("`~`", "logical_not")
+    __round__ = _unsupported("round", "round")
+    __floor__ = _unsupported("math.floor", "floor")
+    __ceil__ = _unsupported("math.ceil", "ceil")
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
@@ -447,23 +448,23 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
     elif name != "select":
         for symbol in symbols:
             if symbol.kind is _TRUTH:
-                return _of_truths(name, symbols, kind or _NUMBER)
+                return _operation_on_booleans(name, symbols, kind or _NUMBER)
     return first.listing.add(name, tuple([symbol.line for symbol in symbols]), kind or first.kind)
 
 
-def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
+def _operation_on_booleans(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
     """Return the symbol of an operation on numbers, given operands that include booleans."""
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
             return operation("bitwise_and", *symbols)
         if name in _AMBIGUOUS_OPERATIONS:
-            raise TypeError(_TRUTH_ARITHMETIC_MESSAGE)
+            raise TypeError(_BOOLEAN_ARITHMETIC_MESSAGE)
     return operation(name, *map(as_number, symbols), kind=kind)
 
 
 # Operations whose results for booleans differ between Python and NumPy.
 _AMBIGUOUS_OPERATIONS = ("add", "subtract", "negative")
-_TRUTH_ARITHMETIC_MESSAGE = (
+_BOOLEAN_ARITHMETIC_MESSAGE = (
     "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
     " drake_quad.framework.elementary, or combine them by `&` and `|`"
 )
@@ -513,7 +514,8 @@ def are_same(x: Any, y: Any) -> bool:
 
 
 _FOREIGN_SYMBOL_MESSAGE = (
-    "the formula of `lazy_where` or an activation uses a row that is not one of its arguments; add it to them"
+    "the formula of `lazy_where` or an activation uses a row that is not one of its arguments; pass the row as an"
+    " argument"
 )
 
 

@@ -162,7 +162,7 @@ def monitor_step(
     total: Row = 0.0
     for part in (*command, *(wrench or ()), *(target or ())):
         total = total + part
-    touch, free = detect_contact(state, before.crash_time == math.inf, free, surroundings)
+    contact, free = detect_contact(state, before.crash_time == math.inf, free, surroundings)
     # Comparisons with NaN are false, so a vehicle whose state is NaN has crashed.
     flying = (
         (abs(state.roll) <= limits.tilt)
@@ -170,7 +170,7 @@ def monitor_step(
         & (error.x * error.x + error.y * error.y + error.z * error.z <= limits.position_error * limits.position_error)
         & (state.z >= limits.height)
         & (total - total == 0.0)
-        & (touch.number == 0.0)
+        & (contact.number == 0.0)
         & (before.crash_time == math.inf)
     )
     signals: dict[str, Any] = {"state": state, "reference": reference, "acceleration_command": command}
@@ -181,7 +181,7 @@ def monitor_step(
     return MonitorState(
         Crashed(where(flying, 0.0, 1.0)),
         CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
-        CollidedSolid(where(touch.number > 0.0, touch.number, obstacle_hit.number)),
+        CollidedSolid(where(contact.number > 0.0, contact.number, obstacle_hit.number)),
         free,
         add_tick(sums, accumulators, values, flying, counts),
     )
@@ -289,8 +289,8 @@ class FlightMonitor(FleetSystem):
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
-        read = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
-        others = {name: self.input(name) for name in read if not self.HasInputPort(name)}
+        signal_names = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
+        others = {name: self.input(name) for name in signal_names if not self.HasInputPort(name)}
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time = self.state("crash_time", lambda _: CrashTime(math.inf))
         obstacle_hit, free = (

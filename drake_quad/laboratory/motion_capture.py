@@ -129,7 +129,9 @@ def measured_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned
         return Pose(x, y, z, roll, pitch, yaw)
     deviations = *[cameras.errors.position_noise] * 3, *[cameras.errors.attitude_noise] * 3
     true = x, y, z, roll, pitch, yaw
-    return Pose._make(seen + size * number for seen, size, number in zip(true, deviations, noise, strict=True))
+    return Pose._make(
+        value + deviation * number for value, deviation, number in zip(true, deviations, noise, strict=True)
+    )
 
 
 def first_frame(
@@ -201,14 +203,14 @@ def next_frame(
     else:
         # The filter uses its previous output without the drift, so the drift is subtracted before the filter step and
         # added afterwards.
-        true = _with_drift(last, drift, -1.0)
-        frame = _filtered_frame(where(is_lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
+        without_drift = _with_drift(last, drift, -1.0)
+        frame = _filtered_frame(where(is_lost, Pose.of(last), pose), without_drift, before, bandwidth, factors, period)
         frame = _with_drift(frame, after, 1.0)
     return *delay_line_step(frame, in_transit, cameras.errors.latency_frames), Pose.of(last), after
 
 
 def frame_validity(in_transit: tuple[Valid, ...], random: Dropout, cameras: Cameras) -> tuple[Valid, tuple[Valid, ...]]:
-    """Return the states of the delay line for the validity of the frames after a frame."""
+    """Return the states of the delay line that holds the validity of the frames, after a frame."""
     valid = where(random.frame < cameras.errors.dropout_rate, 0.0, 1.0)
     return delay_line_step(Valid(valid), in_transit, cameras.errors.latency_frames)
 

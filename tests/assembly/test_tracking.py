@@ -408,7 +408,7 @@ def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
 
 
 def test_a_metrics_window_beyond_the_end_of_the_flight_is_refused(figure_eight):
-    with pytest.raises(InputError, match=r"metrics.start is 30, but must be before the end of the flight at 25.38 s"):
+    with pytest.raises(InputError, match=r"metrics.start is 30 s, but must be before the end of the flight at 25.38 s"):
         simulate(figure_eight("metrics.start=30"))
 
 

@@ -96,7 +96,7 @@ class Plugin:
         if self.chosen is None:
             # No machine code is cached, so every test runs the lines of its formulas and of the LLVM code generator.
             sys.modules["drake_quad.framework.formulas"]._kernels.clear()
-            sys.modules["drake_quad.framework.machine_code"]._GENERATOR = None
+            sys.modules["drake_quad.framework.machine_code"]._GENERATOR_DIGEST = None
             sys.monitoring.restart_events()
         else:
             limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + MIN_CPU_LIMIT)

@@ -171,7 +171,7 @@ def test_braking_that_the_rotors_cannot_fly_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     plan = plan_route(scenario)
     assert flight_duration(scenario, plan) == pytest.approx(8.0)
-    with pytest.raises(InputError, match="ends in motion at 8.00 s, and the braking after it cannot be flown"):
+    with pytest.raises(InputError, match="ends in motion at 8.00 s, and the vehicle cannot brake after it"):
         flight_duration(load_scenario("figure_eight", {**overrides, "duration": 10.0}), plan)
 
 
@@ -185,7 +185,7 @@ def test_braking_into_an_obstacle_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(4.0)
     longer = load_scenario("figure_eight", {**overrides, "duration": 10.0})
-    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route is .* from wall"):
+    with pytest.raises(InputError, match=r"the vehicle cannot brake after it \(the route is .* from wall"):
         flight_duration(longer, plan_route(longer))
 
 
@@ -204,7 +204,7 @@ def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
     part, field = name.split(".")
     overrides[part] = {**overrides[part], field: room}
     scenario = load_scenario("figure_eight", overrides)
-    words = f"ends in motion at .* cannot be flown \\(it leaves {name} by {beyond:.2f} m\\)"
+    words = f"ends in motion at .* cannot brake after it \\(the braking path leaves {name} by {beyond:.2f} m\\)"
     with pytest.raises(InputError, match=words):
         flight_duration(scenario, plan_route(scenario))
 
@@ -216,7 +216,7 @@ def test_braking_below_the_crash_height_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     plan = plan_route(scenario)
     lowest = plan.extended_path.waypoints[-1, 2]
-    with pytest.raises(InputError, match=f"it descends to {lowest:.2f} m, below crash.height, 0 m"):
+    with pytest.raises(InputError, match=f"the braking path descends to {lowest:.2f} m, below crash.height, 0 m"):
         flight_duration(scenario, plan)
 
 

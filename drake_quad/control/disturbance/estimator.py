@@ -69,7 +69,7 @@ def predict(
 
     Args:
         corrected: state of each law after the measurement of this tick.
-        following: acceleration of each axis at this tick that the model predicts as the response to earlier commands.
+        following: modelled response of each axis at this tick to earlier commands.
         commands: commands that act on the vehicle from this tick on.
         laws: law of each axis.
         lags: modelled time constants, s.
@@ -123,7 +123,7 @@ def next_memory(
 
 @fleet_system(float, AutoDiffXd)
 class DisturbanceEstimator(FleetSystem):
-    """Estimator of the acceleration d that is not commanded: v' = a + d.
+    """Estimator of the disturbing acceleration d on each axis: v' = a + d.
 
     .. pydrake_system::
 

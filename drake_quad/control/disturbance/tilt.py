@@ -36,7 +36,7 @@ class KnownAccelerations(NamedTuple):
     """Accelerations at a tick that are not part of the estimated disturbance.
 
     Attributes:
-        tilted: acceleration due to thrust and weight.
+        tilted: acceleration due to thrust and weight, which depends on the tilt.
         learned: disturbance that a network has learned; it acts from this tick to the next.
     """
 

@@ -204,7 +204,7 @@ class RegulatorOutput(NamedTuple):
     Attributes:
         command: command u.
         deviation: deviation δu of the command from its feed-forward.
-        acceleration: command expressed as the acceleration that an outer loop would command.
+        acceleration: commanded acceleration. If torques are sent, its horizontal part is that of the outer loop.
         upward: vertical specific thrust f̄, m/s².
     """
 
@@ -236,11 +236,11 @@ def estimator_step(
     """
     last, (u_x, u_y, u_z) = before.estimate, next(iter(sent.commands))
     s_x, s_y = _level_thrust(measurement, sent.upward)
-    fresh = True if not loses_frames else measurement.x != before.last_x
+    is_new_frame = True if not loses_frames else measurement.x != before.last_x
     lateral, vertical = parameters.lateral, parameters.vertical
-    x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
-    y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
-    z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
+    x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), is_new_frame, u_x, lateral)
+    y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), is_new_frame, u_y, lateral)
+    z = _filtered(last.z, (measurement.z - last.z.position,), is_new_frame, u_z, vertical)
     # The chains along X and Y are based on f̄ instead of the vertical specific thrust. The horizontal acceleration due
     # to the difference is added here.
     excess = (parameters.thrust.gravity + last.z.thrust) / sent.upward - 1.0
@@ -278,8 +278,8 @@ def regulator_output(
         snap: snap of the reference.
         sent: commands that were sent at earlier ticks.
         correction: acceleration that is subtracted; None without a correction.
-        perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are saturated
-            at the limit instead.
+        perturbation: addition to the commands, which keeps the tilt within its limit; None to saturate the commands at
+            this limit instead.
         parameters: parameters of the controller. If `torques` is None, the horizontal command is an acceleration.
         tick: control period, s.
     """
@@ -403,7 +403,9 @@ def target_from_acceleration(
 def deviations(
     estimate: Estimate, reference: Reference, acceleration: Acceleration, jerk: Jerk, snap: Snap
 ) -> Estimate:
-    """Return the deviations of the chains from the reference; the reference of a disturbance is zero.
+    """Return the deviations of the chains from the reference.
+
+    Disturbances have no reference, so their deviations are the estimated disturbances.
 
     Args:
         estimate: current estimate.
@@ -487,9 +489,9 @@ def _deviation(chain: Any, *motion: Row) -> Any:
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 
 
-def _filtered(chain: Any, innovation: Sequence[Row], fresh: bool, u: Row, loop: AxisLoop) -> Any:
-    """Return the chain one frame later, given the innovation of the current frame."""
-    used_innovation = [where(fresh, row, 0.0) for row in innovation]
+def _filtered(chain: Any, innovation: Sequence[Row], is_new_frame: bool, u: Row, loop: AxisLoop) -> Any:
+    """Return the chain one frame later; the innovation is ignored if the frame was lost."""
+    used_innovation = [where(is_new_frame, row, 0.0) for row in innovation]
     corrected = [row + dot(gains, used_innovation) for row, *gains in zip(chain, *loop.L, strict=True)]
     return chain._make(dot(row, corrected) + gain * u for row, gain in zip(loop.A, loop.B, strict=True))
 
@@ -522,7 +524,7 @@ def _feedback(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
 
 
 def _outer_feedback(e: Any, loop: AxisLoop) -> Row:
-    """Return the part of K e that depends on position, velocity and disturbances, as an acceleration."""
+    """Return the outer loop's acceleration: the part of K e for position, velocity and disturbances, divided by k."""
     names = "position", "velocity", "first", "second", "second_rate"
     return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
 

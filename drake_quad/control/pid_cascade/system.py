@@ -89,7 +89,7 @@ def _acceleration(*reads: Any) -> Acceleration:
     return Acceleration(x, y, z - parameters.gravity)
 
 
-def _after(*reads: Any) -> CascadeState:
+def _next_state(*reads: Any) -> CascadeState:
     _, held = step_cascade(*reads)
     return held
 
@@ -142,7 +142,7 @@ class PidCascade(FleetSystem):
             held = self.state("held", lambda parameters: initial_state(parameters, num_ticks))
         reads = self.input("measurement"), self.input("reference"), parameter, held, tick, num_ticks, rules
         if held is not None:
-            self.update(tick, _after, *reads, writes=[held])
+            self.update(tick, _next_state, *reads, writes=[held])
         self.output("attitude_target", _target, *reads)
         self.output("acceleration_command", _acceleration, *reads)
 

@@ -176,13 +176,13 @@ def _scaled_input(network: Network, inputs: Sequence[Row]) -> list[Row]:
 
 def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[Row]:
     units = len(layer.initial)
-    new, old = (
+    input_gates, memory_gates = (
         _gates(dense(matrix, layer_input, identity), units)
         for matrix, layer_input in ((layer.of_input, rows), (layer.of_memory, memory))
     )
     memory_after = []
-    for before, now, then in zip(memory, zip(*new, strict=True), zip(*old, strict=True), strict=True):
-        (r, z, n), (u_r, u_z, u_n) = now, then
+    unit_gates = zip(zip(*input_gates, strict=True), zip(*memory_gates, strict=True), strict=True)
+    for before, ((r, z, n), (u_r, u_z, u_n)) in zip(memory, unit_gates, strict=True):
         update = sigmoid(z + u_z)
         proposed = tanh(n + sigmoid(r + u_r) * u_n)
         memory_after.append(update * before + (1.0 - update) * proposed)

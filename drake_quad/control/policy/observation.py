@@ -27,7 +27,8 @@ class Observables(NamedTuple):
         clearance: distance to the nearest obstacle, m; None if the observation does not contain it.
         top_speed: largest rotor speed, rad/s.
         axes: axes of the frame in W; None for W itself.
-        attitude: axes of the vehicle along the axes of the frame; along the axes of W if the frame is B.
+        attitude: axes of B, rotated about z_B by the `turn` of the policy. They are expressed in the frame, or in W if
+            the frame is `world` or `body`.
     """
 
     state: State
@@ -237,7 +238,10 @@ def observation_rows(
 
 
 def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:
-    """Return the state with body rates along the axes of the policy, and these axes, rotated from B about z_B."""
+    """Return the state with body rates along the axes of the policy, and these axes in W.
+
+    The axes of the policy are those of B, rotated about z_B by `spec.turn`.
+    """
     body = BodyAxes.of(state.roll, state.pitch, state.yaw)
     if spec.turn == 0.0:
         return state, body
