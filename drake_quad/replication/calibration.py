@@ -1,8 +1,8 @@
-"""Calibration of parameters that the paper does not give, by a fit to two cells of Table II of the paper.
+"""Calibration of parameters that the paper does not give. They are fitted to two cells of the paper's Table II.
 
-The paper's PD has errors of about 1 m. Each hypothesis about the cause has two free parameters, one of the PD and one
-of the network. They are fitted, one after the other, to the mean errors of PD and of PD+T2FNN without wind. The errors
-of all other cells are then predictions.
+The paper's PD has errors of about 1 m. Each hypothesis about the cause has two free parameters. The first is fitted to
+the mean error of PD without wind, and then the second to the mean error of PD+T2FNN without wind. The errors of all
+other cells are predictions.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ from drake_quad.studies.statistics import Interval, values_with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
 _DAMPING_RATIO = 0.7  # of the position loop with the PD
-_FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters, which reproduces the errors to within 1 mm
+_FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters; the errors then agree to within 1 mm
 
 
 class FreeParameter(NamedTuple):
@@ -101,7 +101,7 @@ def _covariance_overrides(initial_covariance: float) -> list[str]:
 
 
 _TRACKING_ERROR_DERIVATIVE = "control.position.derivative=tracking_error"
-# Rounded gains of the first hypothesis, which the third hypothesis uses as well.
+# Rounded gains that the first hypothesis yields. The third hypothesis assumes the same gains.
 _BIAS_GAINS = pd_gains(1.2)
 
 HYPOTHESES = {

@@ -130,8 +130,8 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
         over_slope[wind] = [relative_reduction(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
     assert half.evidence == (
-        f"reductions of {least_to_most(cuts.values())} over winds and exponents; at most {per_cent(best)} with another"
-        " λ than the fitted one"
+        f"reductions of {least_to_most(cuts.values())} over winds and exponents; at most {per_cent(best)} with a λ"
+        " other than the fitted one"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
@@ -170,7 +170,7 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
         better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
     windy = [gain for (wind, _), gain in gains.items() if wind != "no_wind"]
     assert against.evidence == (
-        f"reductions of {least_to_most(windy)} in wind; without wind, with the better width,"
+        f"reductions of {least_to_most(windy)} in wind; without wind, with the better of the two widths,"
         f" {least_to_most(better['noise'])} with noise from 0 to 20 mm, {least_to_most(better['q'][1:-1])} with q from"
         f" 0.25 to 0.75, and {per_cent(better['q'][0])} with q = 0, where only the upper memberships count"
     )
@@ -274,9 +274,10 @@ def test_claims_about_gains_are_judged(found):
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
     texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
     assert legs.evidence == (
-        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the"
-        f" gains for straight lines have a {per_cent(worse)} larger error on curves than the gains for curves, and with"
-        f" the gains for curves the command varies {plain(livelier)} times as much on straight lines"
+        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the error on"
+        f" curves is larger by {per_cent(worse)} with the gains for straight lines than with the gains for curves, and"
+        f" the variation of the command on straight lines is {plain(livelier)} times as large with the gains for curves"
+        " as with the gains for straight lines"
     )
     kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
     fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
@@ -287,15 +288,16 @@ def test_claims_about_gains_are_judged(found):
     ]
     assert crashing[0] != crashing[1]
     assert circle.evidence == (
-        f"of the gains that stabilise the loop, {per_cent(interval(fraction[0]))} have an error within 20 % of the best"
-        f" with the PD, and {per_cent(interval(fraction[1]))} with PD+T2FNN; the median error is {plain(typical[0])}"
-        f" times the best one with the PD, and {plain(typical[1])} times with PD+T2FNN; the best errors are"
-        f" {metres(best[0])} and {metres(best[1])}"
+        f"of the gains that stabilise the loop, {per_cent(interval(fraction[0]))} have an error within 20 % of the"
+        f" smallest error with the PD, and {per_cent(interval(fraction[1]))} with PD+T2FNN; the median error is"
+        f" {plain(typical[0])} times the smallest error with the PD, and {plain(typical[1])} times with PD+T2FNN; the"
+        f" smallest errors are {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
         "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; at least"
         f" one sample crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; with"
-        f" the network, {per_cent(interval(fraction[1] - fraction[0]))} more of the gains are within 20 % of the best"
+        " the network, the fraction of gains within 20 % of the smallest error is larger by"
+        f" {per_cent(interval(fraction[1] - fraction[0]))}"
     )
     np.testing.assert_allclose(near_best_fraction(found.maps["pd"]), fraction[0])
     np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
