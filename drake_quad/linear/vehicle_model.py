@@ -85,7 +85,7 @@ def find_trim(
     Raises:
         InputError: if there is no trim within the limits of the rotors.
     """
-    effects = _of_motion(effects)
+    effects = _effects_at_given_speeds(effects)
     hover = np.array([float(speed) for speed in hover_rotor_speeds(hover_equivalent(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
@@ -115,8 +115,9 @@ def find_trim(
     remaining = np.abs(unbalanced(solution)).max()
     if not remaining < _TRIM_TOLERANCE:
         raise InputError(
-            f"there is no steady flight at {_vector(velocity)} m/s in a wind of {_vector(wind)} m/s with rotors between"
-            f" {slowest:g} and {fastest:g} rad/s; the smallest remaining acceleration is {remaining:.3g} m/s² or rad/s²"
+            f"there is no steady flight at {_vector_text(velocity)} m/s in a wind of {_vector_text(wind)} m/s with"
+            f" rotors between {slowest:g} and {fastest:g} rad/s; the smallest remaining acceleration is"
+            f" {remaining:.3g} m/s² or rad/s²"
         )
     roll, pitch, *speeds = solution * scale
     state = np.array([*position, roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0], dtype=float)
@@ -134,7 +135,7 @@ def linear_vehicle(
     Raises:
         InputError: if the operating point is not an equilibrium; use `affine_vehicle` there.
     """
-    diagram, context = _at(trim, parameters, kinematics, effects)
+    diagram, context = _diagram_at(trim, parameters, kinematics, effects)
     rates = diagram.EvalTimeDerivatives(context).CopyToVector()
     worst = int(np.argmax(np.abs(rates)))
     if not np.abs(rates[worst]) < 1e-6:
@@ -152,7 +153,7 @@ def affine_vehicle(
 
     The model is computed by Drake's FirstOrderTaylorApproximation.
     """
-    diagram, context = _at(trim, parameters, kinematics, effects)
+    diagram, context = _diagram_at(trim, parameters, kinematics, effects)
     return FirstOrderTaylorApproximation(diagram, context)
 
 
@@ -165,12 +166,12 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
     return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
 
 
-def _of_motion(effects: Effects) -> Effects:
-    """Return the effects without throttle curve and battery, which do not matter at given rotor speeds."""
+def _effects_at_given_speeds(effects: Effects) -> Effects:
+    """Return the effects without throttle curve and battery, which have no influence if the rotor speeds are given."""
     return effects._replace(thrust_curve=None, battery=None)
 
 
-def _at(
+def _diagram_at(
     trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
 ) -> tuple[Diagram, Context]:
     """Return a diagram of the vehicle with a continuous state, and its context at an operating point.
@@ -178,7 +179,7 @@ def _at(
     The only input port of the diagram contains all inputs of the vehicle: rotor speeds, then wind.
     """
     builder = DiagramBuilder()
-    acting = _of_motion(effects)
+    acting = _effects_at_given_speeds(effects)
     config = QuadrotorConfig(parameters, effects=acting)
     vehicle = builder.AddNamedSystem(
         "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, parameters=config)
@@ -196,5 +197,5 @@ def _at(
     return diagram, context
 
 
-def _vector(values: Sequence[float]) -> str:
+def _vector_text(values: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"
