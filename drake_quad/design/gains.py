@@ -38,11 +38,12 @@ _NUM_BISECTIONS = 12
 _MAX_INTEGRAL_RATIO = 0.25
 # Bandwidths of the pole pairs with which the search for a regulator may start, rad/s. The first stable one is used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
-# A loop counts as unstable if an entry of its closed-loop matrix to the power of 2²⁹ is not below `_NEGLIGIBLE_POWER`.
-# The magnitude of its slowest pole is then above 1 - 1e-7.
+# The closed-loop matrix is squared repeatedly until all entries of its power are below `_CONVERGED_ENTRY`. The loop
+# counts as unstable if an entry exceeds `_DIVERGED_ENTRY`, or if an entry is still not below `_CONVERGED_ENTRY` for the
+# exponent 2²⁹. The magnitude of the slowest pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
-_NEGLIGIBLE_POWER = 1e-12
-_DIVERGED_POWER = 1e50
+_CONVERGED_ENTRY = 1e-12
+_DIVERGED_ENTRY = 1e50
 _UNSTABLE_LOG_COST = 100.0  # far above the logarithm of the cost of any stable loop
 
 
@@ -71,8 +72,8 @@ Gains = AxisGains | PidGains | ProportionalGain
 
 _NO_GAINS = AxisGains(math.nan, math.nan)
 SLOWER_POLE = "a slower pole"
-"""Limit of a loop whose pole pair would not be its slowest poles."""
-_SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
+"""Name of the limit that a faster pole pair would not be the slowest poles of the loop."""
+_GAIN_SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
 
 
 class Requirements(NamedTuple):
@@ -226,11 +227,11 @@ class RegulatorRequirements(NamedTuple):
             states = states + power @ states @ power.T
             power = power @ power
             size = np.abs(power).max()
-            if size < _NEGLIGIBLE_POWER:
+            if size < _CONVERGED_ENTRY:
                 adjoint = plant.B.T @ costs
                 slope = 2.0 * (feedback / effort**2 - adjoint @ closed) @ states @ plant.C.T
                 return (adjoint @ plant.B).item(), slope[0]
-            if not size < _DIVERGED_POWER:
+            if not size < _DIVERGED_ENTRY:
                 break
         return math.inf, np.full(len(gains), math.nan)
 
@@ -306,7 +307,9 @@ def design_loop(
     acceptable = [each for each in trials if not each.flaws]
     if not acceptable:
         closest = max(trials, key=lambda each: each.min_ratio)
-        raise InputError(f"no gains of this family meet the requirements for {axis}; at best {_listed(closest.flaws)}")
+        raise InputError(
+            f"no gains of this family meet the requirements for {axis}; closest result: {_listed(closest.flaws)}"
+        )
     best, beyond = acceptable[-1], trials[-1]
     if not beyond.flaws:
         return finished(best, ())
@@ -324,14 +327,14 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
     n = len(plant.A)
     value, *_ = plant.C
     direct, *_ = plant.D
-    own_fraction = plant.period if integration == "backward_euler" else 0.0
-    integral = np.append(own_fraction * value, 1.0)[np.newaxis]
+    present_weight = plant.period if integration == "backward_euler" else 0.0
+    integral = np.append(present_weight * value, 1.0)[np.newaxis]
     return replace(
         plant,
         A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
         B=np.vstack([plant.B, plant.period * direct]),
         C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
-        D=np.vstack([plant.D, own_fraction * direct]),
+        D=np.vstack([plant.D, present_weight * direct]),
         states=(*plant.states, "integral"),
         outputs=(*plant.outputs, "integral"),
     )
@@ -340,7 +343,7 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
 def add_integral(
     design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
 ) -> LoopDesign:
-    """Add an integral to a PD, the largest that costs at most a given fraction of the phase margin.
+    """Add the integral with the largest gain k_I that reduces the phase margin of a PD by at most a given fraction.
 
     k_I is at most a quarter of k_P times the crossover frequency of the PD loop. A larger integral would let errors
     decay in a slow oscillation, even if the margins at the crossover are large.
@@ -348,7 +351,7 @@ def add_integral(
     Args:
         design: design of the PD.
         requirements: requirements that the PID must meet.
-        cost: fraction of the phase margin that the integral may cost, between 0 and 1.
+        cost: largest fraction of the phase margin of the PD that the integral may use up, between 0 and 1.
         integration: integration rule of the PID, see `drake_quad.control.integral`.
     """
     pd, plant = design.gains, with_integral(design.plant, integration)
@@ -398,7 +401,7 @@ def _flaws_of(
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none exist for this effort"}
     if not min(gains) > 0.0:
-        return {"a negative gain": ", ".join(f"{_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
+        return {"a negative gain": ", ".join(f"{_GAIN_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
     if not size < 1.0:
         return {"no stability": f"a pole of magnitude {size:.4f}"}

@@ -175,8 +175,8 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
 def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
     """Return the fields of a cascade whose gains are not yet tuned.
 
-    If an autopilot on board controls the attitude, the limits on tilt and thrust are those of vehicles/neural_fly.yaml,
-    which a wind of 12 m/s requires.
+    If an autopilot on board controls the attitude, a wind of 12 m/s requires larger limits on tilt and thrust. They are
+    those of vehicles/neural_fly.yaml.
     """
     # The yaw gains are the result of `drake-quad design` for laboratory.yaml.
     gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}
@@ -195,8 +195,9 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# Inputs of the networks: the tracking errors (as in the paper) or the position. The sets for the figure eight are from
-# docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the lemniscate is in the X-Z plane.
+# Inputs of the networks: the tracking errors (as in the paper) or the position. The fuzzy sets of the position inputs
+# for the figure eight are from docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the
+# lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}
 _FIVE_SETS: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}

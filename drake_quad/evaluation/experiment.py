@@ -64,9 +64,9 @@ class EvaluationSizes(NamedTuple):
     Attributes:
         samples: number of random samples that each controller flies in each laboratory.
         uncompiled: number of samples of a controller that cannot be compiled.
-        laps: number of samples for each number of laps.
+        laps: number of samples that fly each number of laps.
         max_laps: largest number of laps.
-        delayed: number of samples for each additional delay.
+        delayed: number of samples that fly with each additional delay.
         max_delay_frames: largest additional delay, in camera frames.
         duration: duration of a flight, s; None for the whole route.
         certifies: True to certify the controllers, which takes 20 to 80 s for each of them.
@@ -149,8 +149,9 @@ def _jobs(
 ) -> Iterator[Job]:
     """Yield the jobs of a family.
 
-    There is one job for each controller. The family with the laboratory `LAPS_LABORATORY` has two more: flights over
-    several laps, and flights of the designs with other limits on the peak sensitivity (see `fly_priced`).
+    There is one job for each controller. The family with the laboratory `LAPS_LABORATORY` has two more jobs: the
+    flights over several laps (`fly_laps`), and the flights of controllers that were designed with other limits on the
+    peak sensitivity (`fly_priced`).
     """
     family, designs = FAMILIES[name], read_designs(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
@@ -375,7 +376,7 @@ class CertifiedScales(NamedTuple):
     not_certified: str
 
 
-NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out in a quick test")
+NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are not computed in a quick test")
 
 
 def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:

@@ -22,7 +22,8 @@ class LaboratoryFamily(NamedTuple):
         laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.
         training_laboratories: names of the laboratories in which designs are trained. The stability limit is checked in
             the first of these laboratories.
-        windiest_laboratory: name of the laboratory in which the tolerated delay is measured.
+        windiest_laboratory: name of the laboratory with the strongest wind, in which the tolerated delay and the
+            computing times are measured.
         on_board: True if an autopilot on board the vehicle controls the attitude.
         maps: True to include networks whose input is the position, for disturbances that recur at the same position.
         lap_overrides: overrides for the training of a network whose input is the position.

@@ -44,7 +44,7 @@ _MAX_CRASH_FRACTION = 0.05  # markers of controllers with a larger fraction of c
 
 
 def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures for which there are flights, and yield the name of each figure with the figure."""
+    """Yield name and figure of each plot for which the evaluation contains results."""
     yield "errors", errors_figure(evaluation)
     if reductions_by_network(evaluation):
         yield "networks", networks_figure(evaluation)

@@ -71,7 +71,13 @@ def stream_numbers(
 
 
 def state_in_period(states: tuple[StreamState, ...], tick: Tick, num_ticks: float) -> StreamState:
-    """Return the state of a stream in the noise period that contains a tick, given the number of ticks per period."""
+    """Return the initial state of a stream for the noise period that contains a tick.
+
+    Args:
+        states: initial state in each noise period.
+        tick: tick of the stream.
+        num_ticks: number of ticks in a noise period.
+    """
     first, *others = states
     if not others:
         return first

@@ -8,7 +8,7 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import (
     _has_equal_response,
-    _markov,
+    _impulse_response,
     attitude_plant,
     hover_offset,
     position_plant,
@@ -28,8 +28,8 @@ def delay_plant(ticks, gain=1.0):
 def test_the_compared_impulse_response_has_twice_as_many_samples_as_states():
     plant = replace(delay_plant(3), A=np.diag([0.5, 0.25, 2.0]), B=np.ones((3, 1)), C=np.array([[1.0, 2.0, 3.0]]))
     expected = [0.5**k + 2.0 * 0.25**k + 3.0 * 2.0**k for k in range(6)]
-    np.testing.assert_allclose(_markov(plant)[:, 0, 0], expected)
-    np.testing.assert_array_equal(_markov(delay_plant(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(_impulse_response(plant)[:, 0, 0], expected)
+    np.testing.assert_array_equal(_impulse_response(delay_plant(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def test_plants_with_equal_impulse_responses_count_as_equal():

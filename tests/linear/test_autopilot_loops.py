@@ -153,7 +153,7 @@ def test_the_fastest_proportional_loop_within_its_margins_is_found(onboard):
     efforts = Proportional().efforts(plant)
     assert (efforts[0], efforts[-1]) == (pytest.approx(0.05), pytest.approx(np.pi / 0.0075))
     with pytest.raises(
-        InputError, match=r"no gains of this family meet the requirements for p; at best phase margin: 8\d\.\d°"
+        InputError, match=r"no gains of this family meet the requirements for p; closest result: phase margin: 8\d\.\d°"
     ):
         design_loop(plant, Proportional(), Requirements(phase=89.9, gain=10.0), axis="p")
 
