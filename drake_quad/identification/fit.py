@@ -313,7 +313,7 @@ def _best_point(
     *,
     min_likelihood: float = -np.inf,
 ) -> _Point:
-    """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
+    """Return the point that minimises the sum of the squared whitened errors and of the squared distance to the prior.
 
     The search is skipped if it is unlikely to reach a log-likelihood of `min_likelihood`; see `_MAX_GAIN_RATIO`.
     """

@@ -139,7 +139,9 @@ def undetermined_parameters(scenario: Scenario, names: Sequence[str]) -> dict[st
     """Return a reason for each parameter that no log of this vehicle can determine."""
     reasons = {"mass": "motion determines forces only relative to the mass, so weigh the vehicle"}
     if "inertia[2]" in names:
-        reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], whose estimate assumes the given value"
+        reasons["drag_factor"] = (
+            "the yaw motion determines only its ratio to inertia[2]; the estimate of inertia[2] assumes the given value"
+        )
     if scenario.vehicle.motors.take_throttles:
         reasons["thrust_factor"] = "a log of motors with throttle commands determines thrusts, not rotor speeds"
     if "linear_drag" in names and scenario.vehicle.quadratic_drag > 0.0:

@@ -13,8 +13,8 @@ Commands act after a delay. A command that is constant between samples and delay
 
     (1 - f) u[k - n] + f u[k - n - 1],  0 ≤ f < 1,
 
-over one step. The model uses this mean, which is continuous in the delay. The effect on the rotors is correct to first
-order in the ratio of the step to their time constant.
+over one step. The model uses this mean, which is continuous in the delay. The resulting rotor speeds are correct to
+first order in the ratio of the step to the time constant of the rotors.
 """
 
 from collections.abc import Sequence

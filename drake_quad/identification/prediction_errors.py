@@ -537,9 +537,9 @@ class _OtherNoises:
         gain = scaled @ update.gain
         closed_loop = scaled - gain @ output
         changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop) + self._process_changes
-        noisier, slower = self._with_other_measurement_noise, self._with_other_correlation_time
-        changes[:, :, noisier] += _right_product(gain[:, :, None, :] * self._variance_changes[noisier], gain)
-        changes[:, :, slower] += self._product_changes[:, slower] * propagated_covariance[:, :, None, :]
+        noise_sets, time_sets = self._with_other_measurement_noise, self._with_other_correlation_time
+        changes[:, :, noise_sets] += _right_product(gain[:, :, None, :] * self._variance_changes[noise_sets], gain)
+        changes[:, :, time_sets] += self._product_changes[:, time_sets] * propagated_covariance[:, :, None, :]
         self._covariances = changes
         return shifts.swapaxes(0, 1), covariance_changes.transpose(2, 0, 1, 3)
 

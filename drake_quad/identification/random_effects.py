@@ -1,10 +1,10 @@
 """Variation of parameters from one stretch of flight to the next, beyond the errors of their estimates.
 
-Model errors change during a flight: a battery discharges, sensors warm up, and each manoeuvre excites other effects.
-The parameters of each stretch b are therefore modelled as random, with variance d² around the parameters of the vehicle
-(random effects, as in a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986). The estimate
-θ_b of a stretch is one Gauss-Newton step from the estimate of all windows. If the error of θ_b has the variance v_b, d²
-is the solution of
+Model errors change during a flight: a battery discharges, sensors warm up, and different manoeuvres excite different
+effects. The parameters of each stretch b are therefore modelled as random, with variance d² around the parameters of
+the vehicle (random effects, as in a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986).
+The estimate θ_b of a stretch is one Gauss-Newton step from the estimate of all windows. If the error of θ_b has the
+variance v_b, d² is the solution of
 
     Σ_b (θ_b - μ)² / (v_b + d²) = B - 1,
 
@@ -14,8 +14,8 @@ power (J. P. T. Higgins et al., BMJ 327, 2003).
 
 The variances v_b follow from the inverse of the information of the stretch, to which a weak prior is added. They are
 increased if the windows within stretches differ by more than model and noise explain. This comparison is impossible if
-each stretch has fewer than two windows. In this case d² includes any further error, and only the sum v_b + d² is
-meaningful.
+each stretch has fewer than two windows. In this case d² also includes the unexplained errors, and only the sum v_b + d²
+is meaningful.
 """
 
 from collections.abc import Sequence

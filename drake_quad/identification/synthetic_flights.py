@@ -230,11 +230,11 @@ class CheckTask(NamedTuple):
 
 def check_batch(task: CheckTask) -> dict[int, list[CheckedParameter]]:
     """Simulate the flights of a task, and return the identified parameters of each flight, by its sample number."""
-    known = SYNTHETIC_FLIGHTS[task.flights]
-    flights = simulate_samples(known.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
-    nominal = known.initial_scenario(task.diagrams)
+    condition = SYNTHETIC_FLIGHTS[task.flights]
+    flights = simulate_samples(condition.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
+    nominal = condition.initial_scenario(task.diagrams)
     return {
-        sample: check_flight(flight, nominal, known.samples_per_row)
+        sample: check_flight(flight, nominal, condition.samples_per_row)
         for sample, flight in zip(task.samples, flights, strict=True)
     }
 

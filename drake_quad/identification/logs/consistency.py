@@ -8,7 +8,7 @@ Signals that are physically related are compared over short windows:
 - a command with the signal that follows it.
 
 If two signals disagree, every possible single fault is tried: a wrong sign, unit or frame. The fault whose repair
-improves the agreement most is reported. Signals that agree after the repair are then compared under time shifts.
+improves the agreement most is reported. Signals that agree after the repair are then checked for a time shift.
 """
 
 import math

@@ -52,10 +52,10 @@ from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 
-_MIN_EXPLAINED = 0.95  # smallest R² of an identified axis
-_MIN_UNEXPLAINED = 1e-12  # unexplained fraction of the variance; smaller values are rounding errors
+_MIN_EXPLAINED_VARIANCE = 0.95  # smallest R² of an identified axis
+_MIN_UNEXPLAINED_VARIANCE = 1e-12  # smaller unexplained fractions of the variance are rounding errors
 # A parameter is identified if the half-width of its 95 % interval is at most this fraction of its typical magnitude.
-_MAX_HALF_WIDTH = 0.5
+_MAX_RELATIVE_HALF_WIDTH = 0.5
 _TYPICAL_INTEGRAL_TIME = 1.0  # s, typical k_p / k_i of a PID
 _NUM_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
@@ -143,7 +143,7 @@ def _identified_law(records: Sequence[FlightRecord], scenario: Scenario) -> Posi
     laws, not_identified = [], {}
     fits = {axis: select_fit(pieces, (axis,)) for axis in range(3)}
     for axis, fit in fits.items():
-        if not fit.explained_variance >= _MIN_EXPLAINED:
+        if not fit.explained_variance >= _MIN_EXPLAINED_VARIANCE:
             not_identified[_AXES[axis]] = _poor_fit_reason(fit.explained_variance)
     is_shared = not {"x", "y"} & not_identified.keys() and _have_same_law(pieces, fits)
     groups = [(0, 1), (2,)] if is_shared else [(0,), (1,), (2,)]
@@ -167,8 +167,8 @@ def _poor_fit_reason(explained: float) -> str:
     fraction = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
     return (
         f"a linear law of position, velocity and reference explains {fraction} of the variance of the command, but must"
-        f" explain at least {100.0 * _MIN_EXPLAINED:g} %; check that the controller used the logged position and"
-        " velocity"
+        f" explain at least {100.0 * _MIN_EXPLAINED_VARIANCE:g} %; check that the controller used the logged position"
+        " and velocity"
     )
 
 
@@ -177,7 +177,7 @@ def _log_unexplained(pieces: Sequence[Piece]) -> float:
     step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
     thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
     return sum(
-        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained_variance, _MIN_UNEXPLAINED)))
+        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained_variance, _MIN_UNEXPLAINED_VARIANCE)))
         for axis in range(3)
     )
 
@@ -254,5 +254,5 @@ def _imprecise(estimates: Mapping[str, EstimatedValue]) -> dict[str, str]:
     return {
         name: f"the half-width of its 95 % interval is {estimate.half_width:.2g} {estimate.unit}"
         for name, estimate in estimates.items()
-        if estimate.half_width > _MAX_HALF_WIDTH * typical[name]
+        if estimate.half_width > _MAX_RELATIVE_HALF_WIDTH * typical[name]
     }

@@ -131,13 +131,17 @@ def write_vehicle(
 
 def nominal_estimates(scenario: Scenario) -> list[str]:
     """Return the names of the parameters whose estimates are also in `nominal` of a scenario from `write_vehicle`."""
-    found = []
-    for path, drawn in distributions_in(scenario).items():
+    names = []
+    for path, distribution in distributions_in(scenario).items():
         part, _, name = path.partition(".")
         is_nominal = part == "vehicle" and name.partition(".")[0] in Nominal.model_fields
-        if is_nominal and isinstance(drawn, Normal) and value_at(scenario, f"nominal.{name}") == drawn.normal.mean:
-            found.append(name)
-    return found
+        if (
+            is_nominal
+            and isinstance(distribution, Normal)
+            and value_at(scenario, f"nominal.{name}") == distribution.normal.mean
+        ):
+            names.append(name)
+    return names
 
 
 def _relative(base: str | Path, folder: Path) -> str:
@@ -307,8 +311,8 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     Raises:
         InputError: if the base scenario has no such list.
     """
-    holder, _, field = field_path(path).rpartition(".")
-    owner = value_at(base, holder)
+    owner_path, _, field = field_path(path).rpartition(".")
+    owner = value_at(base, owner_path)
     if owner is None:  # the effect is switched off in the base scenario
         return _Entry(0.0, "as in the base vehicle")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
