@@ -39,7 +39,7 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
     Args:
         log: table of n samples with the columns of a NanoBench log.
-        recipe: recipe of the modelled controller.
+        recipe: recipe for the system that models the controller.
     """
     parameters, rules = recipe.parameters, recipe.structure["rules"]
     x, y, z = parameters.velocity.terms
@@ -70,9 +70,10 @@ def main() -> None:
         log = np.genfromtxt(path, delimiter=",", names=True)
         computed = commanded(log, recipe)
         flying = (log["pid_controller_cmd_thrust"] > 0.0) & (log["est_stateEstimate_z"] > 0.3)
-        # In some flights the rotors stop briefly at the landing command, which resets all integrals.
+        # The end of each flight is not compared, since in some flights the rotors stop briefly at the landing command,
+        # which resets all integrals.
         flying[max(0, np.flatnonzero(flying)[-1] - NUM_LANDING_SAMPLES) if flying.any() else 0 :] = False
-        words = []
+        texts = []
         for column, (name, unit) in zip(computed.T, OUTPUT_UNITS.items(), strict=True):
             logged = log[f"pid_controller_{name}"][flying]
             if not flying.any():
@@ -84,8 +85,8 @@ def main() -> None:
                     command - np.polyval(np.polyfit(time[free], (command - logged)[free], 1), time), MAX_COMMAND
                 )
             rms, correlation = np.sqrt(np.mean((command - logged) ** 2)), np.corrcoef(command, logged)[0, 1]
-            words.append(f"{name} {correlation:.4f}, {rms:.3g} {unit} of {np.std(logged):.3g}")
-        print(f"{path.name.partition('_rep')[0]:20}", "; ".join(words) or "no flight in this log")
+            texts.append(f"{name} {correlation:.4f}, {rms:.3g} {unit} of {np.std(logged):.3g}")
+        print(f"{path.name.partition('_rep')[0]:20}", "; ".join(texts) or "no flight in this log")
 
 
 if __name__ == "__main__":

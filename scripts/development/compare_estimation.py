@@ -32,7 +32,7 @@ def with_lqg(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"control": design_lqg(scenario).control})
 
 
-# Controllers, each a function that returns a scenario with the controller, designed for the estimator of the scenario.
+# For each controller, a function that designs it for the estimator of a scenario, and returns the changed scenario.
 _DESIGNS: dict[str, Callable[[Scenario], Scenario]] = {
     "PD": with_designed_gains,
     "PID": with_designed_integrals,

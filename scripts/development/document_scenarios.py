@@ -11,7 +11,7 @@ from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.schema import file_schema, language_page
 
-# Pages with generated parts, and the functions that update these parts.
+# Pages of which only some parts are generated, and the functions that update these parts.
 _UPDATED_PAGES = {"command_line.md": command_page, "formulas.md": formula_page}
 _FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 

@@ -93,7 +93,7 @@ def predicted(winds: list[str], overrides: tuple[str, ...] = (), *, measured: bo
     Args:
         winds: names of the winds.
         overrides: overrides of the vehicle.
-        measured: whether errors are computed from measured positions; otherwise from true positions.
+        measured: True to compute errors from measured positions; False to compute them from true positions.
     """
     flights = [simulate(load_scenario(f"{_VEHICLE}:{wind}", overrides)) for wind in winds]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
@@ -129,7 +129,7 @@ def print_differences(errors: list[float], flown: list[float]) -> None:
 
 
 def print_phases() -> None:
-    """Print the smallest and the largest predicted error, if the phase of the sinusoidal wind varies."""
+    """Print the smallest and the largest predicted error over all phases of the sinusoidal wind."""
     phases = np.linspace(0.0, 2.0 * math.pi, _NUM_PHASES, endpoint=False)
     batch = Batch.draw(load_scenario(f"{_VEHICLE}:wind_8_sine"), [0] * _NUM_PHASES)
     flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}))
