@@ -187,7 +187,7 @@ class Quadrotor(FleetSystem):
         parameters: parameters of the vehicles.
 
     Raises:
-        ValueError: an effect has no parameters, or a slung load is combined with a payload, which would move the
+        ValueError: if an effect has no parameters, or a slung load is combined with a payload, which would move the
             attachment point of the load away from the centre of mass.
     """
 
