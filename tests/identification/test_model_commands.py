@@ -98,7 +98,7 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add it with a thrust curve"):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add nominal.motors with a thrust curve"):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
@@ -106,25 +106,26 @@ def test_a_thrust_fraction_is_relative_to_the_hover_thrust_fraction(responding):
     scenario, log = responding
     fractions, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
     weight = scenario.nominal.mass * scenario.nominal.gravity
-    told = replace(log, thrust_fraction=fractions, hover_thrust_fraction=hover)
-    np.testing.assert_allclose(thrust_of_fraction(told, weight), weight * fractions / 0.45)
-    throttles = with_commands(told, scenario, scenario).motor_command
+    with_fractions = replace(log, thrust_fraction=fractions, hover_thrust_fraction=hover)
+    np.testing.assert_allclose(thrust_of_fraction(with_fractions, weight), weight * fractions / 0.45)
+    throttles = with_commands(with_fractions, scenario, scenario).motor_command
     k_0, k_1, k_2 = scenario.nominal.motors.curve
-    total = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
+    thrust = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
     inside = (throttles < 1.0 - 1e-6).all(axis=1)
-    np.testing.assert_allclose(total[inside], (weight * fractions / 0.45)[inside])
+    np.testing.assert_allclose(thrust[inside], (weight * fractions / 0.45)[inside])
     assert inside.sum() > 10
     with pytest.raises(InputError, match="hover_thrust_fraction of the log 'responding' is zero or negative"):
-        thrust_of_fraction(replace(told, hover_thrust_fraction=0.0 * hover), weight)
+        thrust_of_fraction(replace(with_fractions, hover_thrust_fraction=0.0 * hover), weight)
 
 
 def test_a_logged_torque_is_ignored_if_the_vehicle_has_an_attitude_response(responding, record):
     scenario, _ = responding
     number = len(record.time)
-    told = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
+    with_attitudes = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
     torque = np.tile([0.1, 0.2, 0.05], (number, 1))
     one, other = (
-        with_commands(replace(told, torque_command=each), scenario, scenario).motor_command for each in (None, torque)
+        with_commands(replace(with_attitudes, torque_command=each), scenario, scenario).motor_command
+        for each in (None, torque)
     )
     np.testing.assert_array_equal(one, other)
 

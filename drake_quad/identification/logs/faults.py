@@ -35,7 +35,7 @@ class Fault(NamedTuple):
         signals: names of the faulty signals.
         text: clause that describes the fault, for the end of a remark.
         repaired: function that returns the faulty signals without the fault.
-        num_axes: number of axes that the fault affects.
+        num_axes: number of axes for which the search for faults penalises this fault.
         is_frame: True if the fault exchanges world and body axes, which hardly differ at small tilts.
     """
 

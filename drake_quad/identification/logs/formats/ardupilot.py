@@ -132,7 +132,7 @@ def _parameters(log: LogFile, formats: dict[str, Any], offsets: dict[str, list[i
 
 
 def _table(log: LogFile, message_format: Any, offsets: Iterable[int]) -> Table | None:
-    """Return the messages of a type from its first instance; None if they have no time."""
+    """Return the messages of a type, from the first sensor or estimator only; None if they have no time."""
     records = _records(log, message_format, offsets)
     clock = next((each for each in _CLOCKS if records is not None and each in records), None)
     if records is None or clock is None:
