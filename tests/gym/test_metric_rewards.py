@@ -83,16 +83,16 @@ def test_a_reward_function_reads_metrics_that_are_requested_by_name():
     transitions = []
     envs = task(reward=lambda step: transitions.append(step) or zero_reward(step), metrics=["largest_tilt", "near"])
     envs.reset(seed=1)
-    kept = []
+    copies = []
     for _ in range(15):
         envs.step(np.full((6, 4), 0.1))
-        kept.append(copy.deepcopy(transitions[-1].metrics))
+        copies.append(copy.deepcopy(transitions[-1].metrics))
     # The metric window starts at 0.1 s, and the time window of the requirement at 0.2 s. A tick lasts 0.02 s.
-    assert [np.isnan(each["largest_tilt"]).all() for each in kept] == [True] * 4 + [False] * 11
-    assert [np.isnan(each["near"]).all() for each in kept] == [True] * 9 + [False] * 6
+    assert [np.isnan(each["largest_tilt"]).all() for each in copies] == [True] * 4 + [False] * 11
+    assert [np.isnan(each["near"]).all() for each in copies] == [True] * 9 + [False] * 6
     tilts = [np.arccos(np.cos(each.state.roll) * np.cos(each.state.pitch)) for each in transitions[4:]]
-    np.testing.assert_allclose([each["largest_tilt"] for each in kept[4:]], np.maximum.accumulate(tilts), atol=1e-7)
-    for transition, values in zip(transitions, kept, strict=True):
+    np.testing.assert_allclose([each["largest_tilt"] for each in copies[4:]], np.maximum.accumulate(tilts), atol=1e-7)
+    for transition, values in zip(transitions, copies, strict=True):
         np.testing.assert_equal(transition.metrics, values)  # later steps do not change them
 
 

@@ -75,7 +75,7 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["none.xz", f"{SCENARIO_FILE}:log08"], "none.xz"),
         ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log09"], "there is no scenario 'log09'"),
@@ -87,9 +87,9 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
         ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
     ],
 )
-def test_wrong_input_is_refused_with_one_sentence_and_exit_status_2(compare, tmp_path, arguments, words):
-    status, printed, told = compare(*arguments, "--output", tmp_path / "out")
+def test_wrong_input_is_refused_with_one_sentence_and_exit_status_2(compare, tmp_path, arguments, message):
+    status, printed, errors_printed = compare(*arguments, "--output", tmp_path / "out")
     assert (status, printed) == (2, "")
-    errors = [line for line in told.splitlines() if line.startswith("error: ")]
+    errors = [line for line in errors_printed.splitlines() if line.startswith("error: ")]
     assert len(errors) == 1
-    assert words in errors[0]
+    assert message in errors[0]

@@ -26,8 +26,8 @@ def estimates(**changes):
 
 def test_estimates_are_written_with_units_and_intervals():
     """Student's 97.5 % quantile of 12 degrees of freedom is 2.1788."""
-    told = str(estimates(not_identified={"linear_drag": "it did not move"}))
-    assert told.splitlines() == [
+    text = str(estimates(not_identified={"linear_drag": "it did not move"}))
+    assert text.splitlines() == [
         "mass: 0.03300 kg [0.03256, 0.03344]",
         "inertia[2]: 3.000e-05 kg m² [2.978e-05, 3.022e-05]",
         "not identified: linear_drag: it did not move",

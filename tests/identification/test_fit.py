@@ -115,8 +115,8 @@ def test_intervals_cover_the_true_values_if_errors_are_correlated() -> None:
     for seed in range(400):
         fitted, *_ = line_fit(15, 6, seed)
         found = fitted.uncertainty(np.arange(15))
-        reach = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
-        inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < reach)
+        half_widths = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
+        inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < half_widths)
     assert 0.93 < inside / 800 < 0.99
 
 
@@ -142,9 +142,11 @@ def test_evidence_has_at_least_sixty_parts_because_few_windows_are_split(windows
     assert len(found.scores) == windows * parts
     pieces = [
         (rows, errors)
-        for window, own in zip(fitted.jacobian, fitted.errors, strict=True)
+        for window, window_errors in zip(fitted.jacobian, fitted.errors, strict=True)
         for rows, errors in zip(
-            np.array_split(window.reshape(12, 2, 2), parts), np.array_split(own.reshape(12, 2), parts), strict=True
+            np.array_split(window.reshape(12, 2, 2), parts),
+            np.array_split(window_errors.reshape(12, 2), parts),
+            strict=True,
         )
     ]
     for part, (rows, errors) in enumerate(pieces):
@@ -616,19 +618,19 @@ def test_noise_parameters_change_by_at_most_a_factor_of_twelve_and_stay_inside_t
     expected = INITIAL_LOG_NOISE + 2.5 * direction
     expected[thrust] = np.log(0.25 if direction > 0.0 else 0.02)
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(best)), expected)
-    near = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
+    noise = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
     limits = np.repeat([1e-5, 1e-3, 0.02], [2, 6, 6])
     if direction > 0.0:
-        near = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
-        near.correlation_time[2] = 0.1
+        noise = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
+        noise.correlation_time[2] = 0.1
         limits = np.repeat([100.0, 1e3, 20.0], [2, 6, 6])
         limits[thrust] = 0.25
-    found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))
+    found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), noise))
     np.testing.assert_allclose(found, limits)
     if direction > 0.0:
         # If disturbances act along the axes of the body, the limit of 0.25 s applies to the forces on all three axes.
-        body = PredictionNoise(near.measured, near.disturbance, np.full(6, 0.1))
-        found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body, frame="body"))
+        body_noise = PredictionNoise(noise.measured, noise.disturbance, np.full(6, 0.1))
+        found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body_noise, frame="body"))
         np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
 
 
@@ -644,13 +646,15 @@ def test_the_correlation_time_of_a_negligible_disturbance_is_not_fitted(monkeypa
     np.testing.assert_allclose(found[fixed], best[fixed] - 0.4)
 
 
-@pytest.mark.parametrize(("windows", "rows", "used"), [(1000, 100, 15), (1000, 1000, 5), (12, 100, 12), (3, 2000, 3)])
+@pytest.mark.parametrize(
+    ("windows", "rows", "num_windows"), [(1000, 100, 15), (1000, 1000, 5), (12, 100, 12), (3, 2000, 3)]
+)
 def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
-    monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, used: int
+    monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, num_windows: int
 ) -> None:
     likelihood = QuadraticLikelihood(INITIAL_LOG_NOISE)
     noise_found(monkeypatch, likelihood, windows=windows, rows=rows)
-    assert len(likelihood.chosen) == used
+    assert len(likelihood.chosen) == num_windows
     assert (likelihood.chosen[0], likelihood.chosen[-1]) == (0, windows - 1)
     assert np.ptp(np.diff(likelihood.chosen)) <= 1
 
@@ -699,16 +703,16 @@ def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None
     """The outputs have a kink at a delay of one sample, with the one-sided derivatives 4 and 6. The central difference
     is 5."""
     predictor = DelayedPredictor()
-    at = np.array([0.7, predictor.period])
-    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), at, predictor.gains)  # type: ignore[arg-type]
+    parameters = np.array([0.7, predictor.period])
+    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), parameters, predictor.gains)  # type: ignore[arg-type]
     white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
     np.testing.assert_allclose(point.errors, 2.1 * white)
     np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
     np.testing.assert_allclose(point.states, 2.1 * predictor.states)
     np.testing.assert_allclose(point.state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
     # For delays longer than one sample, both one-sided derivatives are equal.
-    above = at + np.array([0.0, 0.0051])
-    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), above, predictor.gains)  # type: ignore[arg-type]
+    longer_delay = parameters + np.array([0.0, 0.0051])
+    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), longer_delay, predictor.gains)  # type: ignore[arg-type]
     np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
 
 
@@ -760,20 +764,20 @@ def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_info
     groups = np.array([0, 0, 1, *([2] * 6), *([3] * 6)])
     information = np.diag([50.0, 200.0, 8.0, 0.0])
     information[0, 1] = information[1, 0] = 30.0
-    asked = []
+    calls = []
 
     def likelihood_of(predictor: object, gains: object, logs: np.ndarray, *given: np.ndarray) -> object:
-        asked.append((logs, *given))
+        calls.append((logs, *given))
         return 0.0, np.zeros(4), information
 
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood_of)
     predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
     noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
     found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=EMPTY_GAINS))  # type: ignore[arg-type]
-    ((logs, windows, model_parameters),) = asked
+    ((logs, windows, free),) = calls
     np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
     np.testing.assert_array_equal(windows, np.arange(7))
-    np.testing.assert_array_equal(model_parameters, np.arange(4))
+    np.testing.assert_array_equal(free, np.arange(4))
     expected = np.linalg.inv(information[:2, :2])
     np.testing.assert_allclose(found[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
     assert found[0, 1] == found[0, 0] == found[1, 1]
@@ -791,10 +795,10 @@ def test_the_disturbance_is_reduced_again_as_long_as_the_likelihood_increases(
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     tried: list[tuple[float, ...]] = []
 
-    def smaller(predictor: object, parameters: object, at: object, factors: tuple[float, ...]) -> object:
+    def smaller(predictor: object, parameters: object, point: object, factors: tuple[float, ...]) -> object:
         tried.append(factors)
         improves = factors == fitting._TORQUE_REDUCTION and tried.count(factors) <= 2
-        return at._replace(likelihood=at.likelihood + 1.0) if improves else at  # type: ignore[attr-defined]
+        return point._replace(likelihood=point.likelihood + 1.0) if improves else point  # type: ignore[attr-defined]
 
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", smaller)
     predictor = DriftingPredictor([1.0] * 20)

@@ -100,8 +100,8 @@ def evidence_of(scales: np.ndarray, windows: int = 6) -> tuple[Evidence, SimpleN
     names, values = ("inertia[0]", "motors.curve[1]", "motors.curve[2]"), np.array([0.01, 2.0, 3.0])
     rows = rng.normal(size=(len(scales) * windows, 8, 3))
     information = rows.swapaxes(1, 2) @ rows
-    own = np.repeat(scales, windows)[:, None] * np.array([0.0, 2.0, 3.0])
-    scores = -np.einsum("wij,wj->wi", information, own)
+    deviations = np.repeat(scales, windows)[:, None] * np.array([0.0, 2.0, 3.0])
+    scores = -np.einsum("wij,wj->wi", information, deviations)
     predictor = SimpleNamespace(
         windows=[SimpleNamespace(record=flight) for flight in np.repeat(range(len(scales)), windows)]
     )
@@ -140,8 +140,8 @@ def test_the_standard_deviation_of_a_thrust_difference_follows_from_the_jackknif
     found = flight_differences(logs, predictor, SimpleNamespace(), evidence._replace(scores=scores))
     direction = np.array([0.0, 2.0, 3.0])
     for flight, each in enumerate(found):
-        own = slice(6 * flight, 6 * flight + 6)
-        information, score = direction @ evidence.information[own] @ direction, scores[own] @ direction
+        windows = slice(6 * flight, 6 * flight + 6)
+        information, score = direction @ evidence.information[windows] @ direction, scores[windows] @ direction
         step = -score.sum() / information.sum()
         others = -(score.sum() - score) / (information.sum() - information)
         deviation = np.sqrt(5.0 / 6.0 * np.sum((others - step) ** 2))
@@ -172,7 +172,7 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
     predicted for the next sample. It consists of a decaying and a constant part.
     """
     random, mass = np.random.default_rng(8), 0.7
-    total, settle, period = sum(counts), 3, 0.02
+    num_windows, settle, period = sum(counts), 3, 0.02
     windows = [(flight, 5 + WINDOW_LENGTH * i) for flight, count in enumerate(counts) for i in range(count)]
     predictor = SimpleNamespace(
         windows=[SimpleNamespace(record=flight, start=start) for flight, start in windows],
@@ -180,14 +180,14 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
         rows=np.arange(6, 20),
         period=period,
         counted=np.arange(settle + WINDOW_LENGTH) >= settle,
-        duration=2.0 * total,
+        duration=2.0 * num_windows,
     )
-    own, constant = random.normal(size=(2, settle + WINDOW_LENGTH, 2, total))
+    decaying, constant = random.normal(size=(2, settle + WINDOW_LENGTH, 2, num_windows))
     memory = np.array([0.05, 0.3, 9.0, 9.0, 9.0, 9.0])
-    disturbance = random.normal(size=(settle + WINDOW_LENGTH, 14, total))
+    disturbance = random.normal(size=(settle + WINDOW_LENGTH, 14, num_windows))
     # State components 12 to 19 are the disturbance: force along x, y, z, torque about x, y, z, constant force along x,
     # y.
-    disturbance[:, 6:8] = own * np.exp(-period / memory[:2])[:, None]
+    disturbance[:, 6:8] = decaying * np.exp(-period / memory[:2])[:, None]
     disturbance[:, 12:] = constant
     fitted = SimpleNamespace(
         noise=SimpleNamespace(correlation_time=memory), gains=SimpleNamespace(disturbance=disturbance)
@@ -199,7 +199,7 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
     ]
     scenario = SimpleNamespace(vehicle=SimpleNamespace(mass=mass))
     logs = SimpleNamespace(records=records, signals={"position", "attitude"}, scenario=scenario)
-    return logs, predictor, fitted, mass * (own + constant)[settle:].transpose(2, 0, 1)
+    return logs, predictor, fitted, mass * (decaying + constant)[settle:].transpose(2, 0, 1)
 
 
 def test_forces_of_a_flight_follow_from_the_filter_in_its_windows() -> None:
@@ -213,9 +213,9 @@ def test_forces_of_a_flight_follow_from_the_filter_in_its_windows() -> None:
         heading = logs.records[flight].attitude[5:, 2].reshape(count, WINDOW_LENGTH)
         expected = forces_of(heading, force[first : first + count], block_numbers_of_windows(count, 2.0 * count, 5))
         for name, spread in expected.items():
-            own = found[flight].forces[name]
-            assert (own.value, own.deviation) == pytest.approx((spread.value, spread.deviation))
-            assert own.degrees_of_freedom == pytest.approx(spread.degrees_of_freedom)
+            actual = found[flight].forces[name]
+            assert (actual.value, actual.deviation) == pytest.approx((spread.value, spread.deviation))
+            assert actual.degrees_of_freedom == pytest.approx(spread.degrees_of_freedom)
         assert {*found[flight].forces} == {*TRIM_FORCE, "wind_force.x", "wind_force.y"}
 
 
@@ -293,10 +293,10 @@ def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() ->
 
 
 def test_variation_between_flights_is_estimated_from_at_least_three_flights() -> None:
-    own, scenario = estimates(), load_scenario("hover")
-    assert with_differences(own, differences([0.1, -0.1], [0.1, -0.1]), scenario, 20.0) is own
-    found = with_differences(own, differences([0.1, 0.0, -0.1], None), scenario, 20.0)
-    assert found.names == own.names
+    base, scenario = estimates(), load_scenario("hover")
+    assert with_differences(base, differences([0.1, -0.1], [0.1, -0.1]), scenario, 20.0) is base
+    found = with_differences(base, differences([0.1, 0.0, -0.1], None), scenario, 20.0)
+    assert found.names == base.names
     assert found.flight_variation.covariance[1, 2] == pytest.approx(0.01 * 4.0 / 3.0 * 6.0)
 
 
@@ -338,15 +338,22 @@ def test_the_variance_of_the_mean_trim_force_is_the_mean_variance_of_all_flights
 def test_changes_of_a_vehicle_between_its_flights_are_estimated(root) -> None:
     """Attitude noise of 4 mrad limits the accuracy of the trim force to 0.3 % of the weight."""
     known = SYNTHETIC_FLIGHTS["calm"]
-    numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
-    plain = [*numbers, "vehicle.rotor_time_constant=0.05", "vehicle.linear_drag=0.1", "vehicle.thrust_factor=4e-5"]
-    truths = [(0.97, 0.05, 0.0), (1.0, -0.05, 0.03), (1.03, 0.0, -0.03)]
+    inertia_overrides = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
+    common_overrides = [
+        *inertia_overrides,
+        "vehicle.rotor_time_constant=0.05",
+        "vehicle.linear_drag=0.1",
+        "vehicle.thrust_factor=4e-5",
+    ]
+    true_values = [(0.97, 0.05, 0.0), (1.0, -0.05, 0.03), (1.03, 0.0, -0.03)]
     records = []
-    for scale, x, y in truths:
-        own = [f"vehicle.thrust_factor={4e-5 * scale}", f"vehicle.trim_force={{x: {x}, y: {y}}}"]
-        flight = simulate(known.simulated_scenario(root / "diagrams", [*plain, *own, "duration=16"]), compiled=True)
+    for scale, x, y in true_values:
+        overrides = [f"vehicle.thrust_factor={4e-5 * scale}", f"vehicle.trim_force={{x: {x}, y: {y}}}"]
+        flight = simulate(
+            known.simulated_scenario(root / "diagrams", [*common_overrides, *overrides, "duration=16"]), compiled=True
+        )
         records.append(record_of(flight))
-    scenario = known.simulated_scenario(root / "diagrams", plain)
+    scenario = known.simulated_scenario(root / "diagrams", common_overrides)
     logs, _ = prepare(records, scenario)
     predictor = logs.predictor(("thrust_factor",), logs.flying)
     start = vehicle_value(scenario, "thrust_factor")
@@ -354,7 +361,7 @@ def test_changes_of_a_vehicle_between_its_flights_are_estimated(root) -> None:
     evidence = fitted.evidence(("thrust_factor",), (start,), predictor.duration)
     found = flight_differences(logs, predictor, fitted, evidence)
     weight = scenario.vehicle.mass * scenario.vehicle.gravity
-    for each, (scale, *trim) in zip(found, truths, strict=True):
+    for each, (scale, *trim) in zip(found, true_values, strict=True):
         assert (1.0 + each.thrust.value) * fitted.values[0] == pytest.approx(4e-5 * scale, rel=0.01)
         for name, force in zip(TRIM_FORCE, trim, strict=True):
             assert each.forces[name].value == pytest.approx(force, abs=0.003 * weight)

@@ -43,11 +43,11 @@ def test_a_log_whose_rotors_do_not_idle_at_either_end_is_in_the_air_throughout(c
 
 
 def test_a_log_may_begin_or_end_in_the_air():
-    whole = free_flight(record_of())
+    complete = free_flight(record_of())
     landing = free_flight(record_of(HEIGHT[400:], REFERENCE[400:], COMMAND[400:]))
-    assert landing == FreeFlight(0, whole.end - 400, None)
+    assert landing == FreeFlight(0, complete.end - 400, None)
     take_off = free_flight(record_of(HEIGHT[:500], REFERENCE[:500], COMMAND[:500]))
-    assert take_off == FreeFlight(whole.first, 500, whole.lift_off)
+    assert take_off == FreeFlight(complete.first, 500, complete.lift_off)
 
 
 @pytest.mark.parametrize("height", [np.full(1000, 0.3), 0.3 + 0.2 * (HEIGHT - 0.3)])
@@ -103,24 +103,24 @@ def take_off(diagrams):
     flight = simulate(scenario, compiled=True)
     state, reference = flight.record("measurement"), flight.record("reference")
     command = flight["rotor_speed_command"]
-    flown = FlightRecord(
+    log = FlightRecord(
         "log",
         flight.time,
         position=np.column_stack([state.x, state.y, state.z]),
         reference_position=np.column_stack([reference.x, reference.y, reference.z]),
         rotor_speed_command=command,
     )
-    ground = round(1.0 / flown.period)
+    ground = round(1.0 / log.period)
 
     def prefixed(values, first):
         return np.vstack([np.tile(first, (ground, 1)), values])
 
-    lead = flown.period * np.arange(ground)
+    lead = log.period * np.arange(ground)
     return scenario, FlightRecord(
         "log",
-        np.append(lead, lead[-1] + flown.period + flown.time),
-        position=prefixed(flown.position, flown.position[0]),
-        reference_position=prefixed(flown.reference_position, [0.0, 0.0, 0.0]),
+        np.append(lead, lead[-1] + log.period + log.time),
+        position=prefixed(log.position, log.position[0]),
+        reference_position=prefixed(log.reference_position, [0.0, 0.0, 0.0]),
         rotor_speed_command=prefixed(command, np.zeros(4)),
     )
 
@@ -155,8 +155,8 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
     slow = replace(record, reference_position=record.reference_position[rows], reference_period=0.2)
     fast, found = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
     assert len(found.time) > 0.9 * len(fast.time)
-    at = np.searchsorted(fast.time, found.time)
-    np.testing.assert_allclose(found.logged_error, fast.logged_error[at], atol=4e-3)
+    rows_in_fast = np.searchsorted(fast.time, found.time)
+    np.testing.assert_allclose(found.logged_error, fast.logged_error[rows_in_fast], atol=4e-3)
     np.testing.assert_allclose(
         found.predicted_statistics().rmse[0, -1], fast.predicted_statistics().rmse[0, -1], rtol=0.1, atol=1e-3
     )

@@ -63,8 +63,8 @@ def test_trim_is_the_mean_over_samples_in_hover(record):
 
 def test_the_delay_between_attitude_command_and_attitude_is_found(record):
     assert delay_by_correlation(record) == pytest.approx(0.12, abs=0.03)
-    bare = FlightRecord("bare", TIME, attitude=record.attitude)
-    assert delay_by_correlation(bare) is None
+    without_command = FlightRecord("bare", TIME, attitude=record.attitude)
+    assert delay_by_correlation(without_command) is None
 
 
 def hovering(seconds=20.0, **signals):
@@ -149,8 +149,8 @@ def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
     assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
     # If a command is not logged, the result contains no trim for it.
-    bare = hovering(thrust_command=None)
-    assert {*hover_means(bare, WEIGHT)} == {"mean roll", "mean pitch"}
+    without_thrust = hovering(thrust_command=None)
+    assert {*hover_means(without_thrust, WEIGHT)} == {"mean roll", "mean pitch"}
     # At least one second of hover is required.
     assert hover_means(hovering(1.0), WEIGHT)
     assert not hover_means(hovering(0.99), WEIGHT)
@@ -171,8 +171,8 @@ def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
     attitude[:500] = np.roll(command[:500], 3, axis=0)
     logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
-    bare = FlightRecord("bare", time, attitude_command=command)
-    assert delay_by_correlation(bare) is None
+    without_attitude = FlightRecord("bare", time, attitude_command=command)
+    assert delay_by_correlation(without_attitude) is None
 
 
 def test_a_response_after_0_3_s_is_not_taken_as_a_delay():

@@ -29,7 +29,7 @@ from drake_quad.scenario.models import Scenario
 DELAY_IN_LABORATORY = 0.01 - 0.02
 
 
-def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
+def simulated_log(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
     """Return the log of a simulated flight, its scenario, and the initial scenario of the identification."""
     known = SYNTHETIC_FLIGHTS[kind]
     (flight,) = simulate_samples(known.simulated_scenario(diagrams, overrides), [1], compiled=True)
@@ -40,10 +40,12 @@ def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, flo
     """Return the parameters whose interval does not contain the true value, each with its error and half-width."""
     estimates = found.estimates
     rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
-    off = {
-        name: (value - vehicle_value(true, name), reach) for name, value, reach in rows if name in estimates.identified
+    errors = {
+        name: (value - vehicle_value(true, name), half_width)
+        for name, value, half_width in rows
+        if name in estimates.identified
     }
-    return {name: (error, reach) for name, (error, reach) in off.items() if abs(error) > reach}
+    return {name: (error, half_width) for name, (error, half_width) in errors.items() if abs(error) > half_width}
 
 
 @pytest.mark.long
@@ -52,7 +54,7 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 
     The flight is in calm air, and the predictor has the true parameters, delay and noise.
     """
-    record, scenario, _ = flown("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
+    record, scenario, _ = simulated_log("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
     sizes = WindowSizes(length=100, settle=50, warm_up=25)
     windows = split_into_windows([record], [record.time > 1.0], sizes)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
@@ -75,12 +77,12 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: int) -> None:
     """At most two of about fifteen 95 % intervals do not contain the true value. Intervals of twice the width all
     do."""
-    record, scenario, begun = flown(kind, diagrams, f"duration={seconds}")
-    found = identify([record], begun, held_out_fraction=0.0)
+    record, scenario, initial = simulated_log(kind, diagrams, f"duration={seconds}")
+    found = identify([record], initial, held_out_fraction=0.0)
     assert len(found.estimates.identified) >= 10
     missed = outside(found, scenario)
     assert len(missed) <= 2, missed
-    assert all(abs(error) < 2.0 * reach for error, reach in missed.values()), missed
+    assert all(abs(error) < 2.0 * half_width for error, half_width in missed.values()), missed
     assert found.delay is not None
     true = total_delay(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
     assert abs(found.delay.value - true) < 1.5 * found.delay.half_width
@@ -89,8 +91,8 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: i
 @pytest.mark.long
 def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
     """The thrust at the voltage in flight is smaller by at least 1.4 %."""
-    record, scenario, begun = flown("battery", diagrams, "duration=9")
-    found = identify([record], begun, held_out_fraction=0.0).vehicle.vehicle.motors
+    record, scenario, initial = simulated_log("battery", diagrams, "duration=9")
+    found = identify([record], initial, held_out_fraction=0.0).vehicle.vehicle.motors
     assert found.voltage == 12.6
     assert np.all((record.of("battery_voltage")[100:] / 12.6) ** 2 < 0.986)
     throttle = np.median(record.of("motor_command"))
@@ -117,8 +119,8 @@ def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
         "route={kind: waypoints, top_speed: null, top_acceleration: null, times: [0, 1, 2, 3, 4.2, 5, 6.5, 7.5, 9],"
         " waypoints: [[0,0,1],[0,0,1.6],[0,0,1.2],[0,0,2],[0,0,1.1],[0,0,1.5],[0,0,0.9],[0,0,1.8],[0,0,1]]}"
     )
-    own = ["vehicle.thrust_factor=3.9e-5", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
-    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [route, *own])
+    overrides = ["vehicle.thrust_factor=3.9e-5", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [route, *overrides])
     (flight,) = simulate_samples(scenario, [0], compiled=True)
     record = record_of(flight)
     heights = replace(record, attitude=None, velocity=None, body_rates=None)
@@ -182,11 +184,11 @@ def test_identified_crazyflie_parameters_agree_with_published_values() -> None:
     assert lag == pytest.approx(0.072, abs=0.007)
     assert estimates.value("inertia[0]") == pytest.approx(1.029e-5, rel=0.2)
     assert estimates.value("inertia[1]") == pytest.approx(1.105e-5, rel=0.2)
-    places = [estimates.names.index(f"motors.curve[{i}]") for i in range(3)]
-    elsewhere = estimates.for_new_flight()
-    covariance = elsewhere.covariance[np.ix_(places, places)]
-    reach = scipy.stats.t.ppf(0.975, np.asarray(elsewhere.degrees_of_freedom)[places].min())
+    indices = [estimates.names.index(f"motors.curve[{i}]") for i in range(3)]
+    for_new_flight = estimates.for_new_flight()
+    covariance = for_new_flight.covariance[np.ix_(indices, indices)]
+    quantile = scipy.stats.t.ppf(0.975, np.asarray(for_new_flight.degrees_of_freedom)[indices].min())
     for throttle in (0.3, 0.4, 0.5, 0.6, 0.7, 0.85):
         powers = throttle ** np.arange(3.0)
-        published, value = powers @ [0.0227, -0.0119, 0.1284], powers @ estimates.values[places]
-        assert abs(value - published) < reach * np.sqrt(powers @ covariance @ powers), throttle
+        published, value = powers @ [0.0227, -0.0119, 0.1284], powers @ estimates.values[indices]
+        assert abs(value - published) < quantile * np.sqrt(powers @ covariance @ powers), throttle

@@ -141,8 +141,8 @@ def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
     """Nothing is divided by a variance of zero; a NumPy warning would fail the test."""
     vehicle = rotors.vehicle
     speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
-    still = record(6.0, *POSE_SIGNALS, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
-    found = identify([still], rotors)
+    log = record(6.0, *POSE_SIGNALS, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
+    found = identify([log], rotors)
     assert found.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
     assert "thrust_factor" in found.estimates.identified
     assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_identified}
@@ -173,16 +173,18 @@ def climbing(vehicle, seconds):
     constant `LAG`, after the delay `TRANSPORT_DELAY`.
     """
     random, step = np.random.default_rng(0), 1e-3
-    count, held = round(seconds / PERIOD), round(PERIOD / step)
+    count, steps_per_sample = round(seconds / PERIOD), round(PERIOD / step)
     hover = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / (THRUST_RATIO * vehicle.thrust_factor))
-    wanted = 1.0 + 0.3 * np.sign(np.sin(2.8 * PERIOD * np.arange(count)))
-    height, climb, speed, late = 1.0, 0.0, hover, round(TRANSPORT_DELAY / step)
-    heights, commands = np.zeros(count), np.full(count * held + late, hover)
+    reference = 1.0 + 0.3 * np.sign(np.sin(2.8 * PERIOD * np.arange(count)))
+    height, climb, speed, delay_steps = 1.0, 0.0, hover, round(TRANSPORT_DELAY / step)
+    heights, commands = np.zeros(count), np.full(count * steps_per_sample + delay_steps, hover)
     for i in range(count):
         heights[i] = height
-        fraction = 1.0 + (6.0 * (wanted[i] - height) - 4.0 * climb) / vehicle.gravity
-        commands[i * held + late : (i + 1) * held + late] = hover * np.sqrt(max(0.2, fraction))
-        for command in commands[i * held : (i + 1) * held]:
+        fraction = 1.0 + (6.0 * (reference[i] - height) - 4.0 * climb) / vehicle.gravity
+        commands[i * steps_per_sample + delay_steps : (i + 1) * steps_per_sample + delay_steps] = hover * np.sqrt(
+            max(0.2, fraction)
+        )
+        for command in commands[i * steps_per_sample : (i + 1) * steps_per_sample]:
             before = speed
             speed = command + (speed - command) * np.exp(-step / LAG)
             acceleration = vehicle.gravity * ((0.5 * (before + speed) / hover) ** 2 - 1.0)
@@ -190,7 +192,7 @@ def climbing(vehicle, seconds):
             climb += step * acceleration
     position = np.zeros((count, 3))
     position[:, 2] = heights + HEIGHT_NOISE * random.normal(size=count)
-    speeds = np.tile(commands[late::held][:count, None], 4)
+    speeds = np.tile(commands[delay_steps::steps_per_sample][:count, None], 4)
     return FlightRecord("climbing", PERIOD * np.arange(count), position=position, rotor_speed_command=speeds)
 
 
@@ -206,9 +208,9 @@ def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_d
         ("rotor_time_constant", LAG),
         ("rotor_aerodynamics.climb", 0.0),
     ):
-        place = estimates.names.index(name)
+        index = estimates.names.index(name)
         assert name in estimates.identified
-        assert low[place] < true < high[place], name
+        assert low[index] < true < high[index], name
     assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.half_width < 0.1 * TRANSPORT_DELAY
     assert estimates.value("thrust_factor") == pytest.approx(THRUST_RATIO * calm.vehicle.thrust_factor, rel=1e-3)
     assert estimates.value("rotor_time_constant") == pytest.approx(LAG, rel=0.05)
@@ -268,13 +270,13 @@ def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_giv
     predictor = SimpleNamespace(outputs=outputs, measured=measured, counted=np.full(50, True), period=0.02)
     parameters = [Parameter("linear_drag", 0.1, 0.1, 0.0), Parameter("inertia[0]", 0.01, 0.01)]
     mass = rotors.vehicle.mass
-    for push, held in ((0.1, False), (0.4, True)):
-        noise = PredictionNoise(np.ones(3), np.full(6, push), np.ones(6))
+    for force, is_below in ((0.1, False), (0.4, True)):
+        noise = PredictionNoise(np.ones(3), np.full(6, force), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.array([0.2, 0.01]))
         found = identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted)
-        assert set(found) == ({"linear_drag"} if held else set())
-        if held:
-            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, but the drag force is only 0.2 N"
+        assert set(found) == ({"linear_drag"} if is_below else set())
+        if is_below:
+            expected = f"the disturbing force, such as wind, is {mass * force:.2g} N, but the drag force is only 0.2 N"
             assert found["linear_drag"] == expected
 
 
@@ -301,7 +303,7 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
     names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")
     parameters = [Parameter(name, 0.1, 0.1) for name in names]
 
-    def held(position, force, *, outputs=outputs, first=0):
+    def parameters_below(position, force, *, outputs=outputs, first=0):
         predictor = SimpleNamespace(
             outputs=outputs, measured=position[:, :, None], counted=np.arange(200) >= first, period=0.02
         )
@@ -309,20 +311,24 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
         fitted = SimpleNamespace(noise=noise, values=np.full(5, 0.2))
         return set(identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted))
 
-    still, moving = 0.0 * time, np.sin(2.0 * time)
+    at_rest, moving = 0.0 * time, np.sin(2.0 * time)
     # The RMS speed of a sine with an amplitude of 2 m/s is √2 m/s. At 0.2 N s/m, the drag is 0.28 N.
     limit = 0.2 * np.sqrt(2.0) / rotors.vehicle.mass
-    both = np.column_stack([moving, moving, still])
-    assert held(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()
-    assert held(both, [1.1 * limit, 0.9 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
-    assert held(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
-    vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, still])
-    assert held(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    both = np.column_stack([moving, moving, at_rest])
+    assert parameters_below(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()
+    assert parameters_below(both, [1.1 * limit, 0.9 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    assert parameters_below(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
+    vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, at_rest])
+    assert parameters_below(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
     # Motion while the filter settles is ignored. In logs without horizontal positions, no parameter is excluded.
-    late = np.where(time[:, None] < 2.0, both, both[100])
-    assert held(late, [0.5 * limit] * 3, first=100) == {"linear_drag", "body_drag.linear[0]", "body_drag.linear[1]"}
-    assert held(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
-    assert held(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
+    moving_at_start = np.where(time[:, None] < 2.0, both, both[100])
+    assert parameters_below(moving_at_start, [0.5 * limit] * 3, first=100) == {
+        "linear_drag",
+        "body_drag.linear[0]",
+        "body_drag.linear[1]",
+    }
+    assert parameters_below(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
+    assert parameters_below(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
 
 
 def test_a_parameter_is_excited_if_its_command_varies_in_flight_in_at_least_one_log():
@@ -332,23 +338,23 @@ def test_a_parameter_is_excited_if_its_command_varies_in_flight_in_at_least_one_
         values[~flying] = 3.0 * np.arange(np.sum(~flying))[:, None]
         return record(6.0, *POSE_SIGNALS, attitude_command=values), flying
 
-    whole, half = np.full(300, True), np.arange(300) < 150
+    all_samples, first_half = np.full(300, True), np.arange(300) < 150
     parameters = [Parameter("autopilot.natural_frequency[1]", 0.5, 0.5, 0.01, 5.0), Parameter("mass", 1.0, 1.0)]
     noise = PredictionNoise(np.array([1e-9, 1e-9, 1e-9, 1e-9, 4e-3, 1e-9]), np.ones(6), np.ones(6))
     outputs = [Output(name, column) for name in POSE_SIGNALS for column in range(3)]
-    for sizes, flying, held in (
-        ([1e-3, 1e-2], [whole, whole], False),
-        ([1e-2, 1e-3], [whole, whole], False),
-        ([1e-3, 1e-3], [half, half], True),
+    for sizes, flying, is_unexcited in (
+        ([1e-3, 1e-2], [all_samples, all_samples], False),
+        ([1e-2, 1e-3], [all_samples, all_samples], False),
+        ([1e-3, 1e-3], [first_half, first_half], True),
         # A sine of amplitude a has the standard deviation a / √2.
-        ([6e-3], [half], False),
-        ([5e-3], [half], True),
-        ([6e-3, 6e-3], [half, ~whole], False),
+        ([6e-3], [first_half], False),
+        ([5e-3], [first_half], True),
+        ([6e-3, 6e-3], [first_half, ~all_samples], False),
     ):
         records, masks = zip(*map(lambda size, usable: command(size, flying=usable), sizes, flying), strict=True)
         logs = SimpleNamespace(outputs=outputs, records=records, flying=masks)
         found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
-        assert set(found) == ({"autopilot.natural_frequency[1]"} if held else set()), sizes
+        assert set(found) == ({"autopilot.natural_frequency[1]"} if is_unexcited else set()), sizes
 
 
 @pytest.mark.parametrize(

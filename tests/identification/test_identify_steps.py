@@ -142,15 +142,15 @@ def test_the_parameters_are_fitted_once_if_no_flight_is_held_out(monkeypatch, ro
 
 def test_parameters_hidden_by_a_disturbance_are_fixed_in_a_further_fit(monkeypatch, rotors):
     """The vehicle hardly moves, so its drag is smaller than the disturbing force."""
-    hidden = noise_of(POSE, force=0.3)
-    calls = Recorded(monkeypatch, noise=hidden)
+    noise = noise_of(POSE, force=0.3)
+    calls = Recorded(monkeypatch, noise=noise)
     log = log_of(24.0, position=np.zeros((2400, 3)))
     found = module.identify([log], rotors, held_out_fraction=0.0)
     first, second = calls.fits
     assert "linear_drag" in first.names
     assert second.names == [name for name in first.names if name != "linear_drag"]
-    kept = [first.names.index(name) for name in second.names]
-    np.testing.assert_array_equal(second.start, first.found.values[kept])
+    indices = [first.names.index(name) for name in second.names]
+    np.testing.assert_array_equal(second.start, first.found.values[indices])
     assert second.noise is first.found.noise
     assert second.predictor.model.names == tuple(second.names)
     assert "linear_drag" not in found.estimates.names
@@ -184,9 +184,9 @@ def test_an_identified_vehicle_has_the_estimated_values_and_the_estimated_total_
         found = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
         assert found.vehicle.thrust_factor == 5e-5
         assert total_delay(found) == pytest.approx(expected)
-    kept = module._vehicle(logs, rotors, {"thrust_factor": 5e-5})
-    assert total_delay(kept) == total_delay(rotors)
-    assert kept.vehicle.motors == rotors.vehicle.motors
+    without_delay = module._vehicle(logs, rotors, {"thrust_factor": 5e-5})
+    assert total_delay(without_delay) == total_delay(rotors)
+    assert without_delay.vehicle.motors == rotors.vehicle.motors
     throttles = log_of(
         5.0, rotor_speed_command=None, motor_command=np.full((500, 4), 0.5), battery_voltage=np.full(500, 11.4)
     )
@@ -194,7 +194,7 @@ def test_an_identified_vehicle_has_the_estimated_values_and_the_estimated_total_
     assert module._vehicle(logs, scenario, {"motors.curve[1]": 2.0}).vehicle.motors.voltage == pytest.approx(11.4)
 
 
-def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None):
+def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, forecast_outputs=(), reasons=None):
     """Return the identification that follows from an artificial fit, and this fit, its predictor and its parameters."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
@@ -204,33 +204,33 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     names = parameter_names(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
-    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {})
+    found = module._result(logs, scenario, predictor, parameters, fitted, forecast_outputs, reasons or {})
     return found, fitted, predictor, parameters
 
 
 def test_estimates_have_the_uncertainty_of_the_fit_and_exclude_the_delay(monkeypatch, rotors):
     found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
     names, estimates = parameter_names(parameters), found.estimates
-    own = [i for i, name in enumerate(names) if name != DELAY]
-    assert estimates.names == (*(names[i] for i in own), *NOISE_NAMES)
-    np.testing.assert_array_equal(estimates.values[: len(own)], fitted.values[own])
-    np.testing.assert_array_equal(estimates.values[len(own) :], [1e-3, 4e-3])
+    indices = [i for i, name in enumerate(names) if name != DELAY]
+    assert estimates.names == (*(names[i] for i in indices), *NOISE_NAMES)
+    np.testing.assert_array_equal(estimates.values[: len(indices)], fitted.values[indices])
+    np.testing.assert_array_equal(estimates.values[len(indices) :], [1e-3, 4e-3])
     expected = fitted.uncertainty(window_blocks(predictor))
-    number = len(own)
-    np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(own, own)])
-    np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[own])
+    number = len(indices)
+    np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(indices, indices)])
+    np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[indices])
     # The fit gives the variance of the logarithm of each noise level, which is the relative variance of the noise
     # level. The number of measurements is the number of degrees of freedom.
     variances = np.linspace(1e-4, 2e-4, 18)[[0, 3]] * np.square([1e-3, 4e-3])
     np.testing.assert_allclose(estimates.covariance[number:, number:], np.diag(variances))
     np.testing.assert_array_equal(estimates.covariance[number:, :number], 0.0)
     np.testing.assert_array_equal(estimates.degrees_of_freedom[number:], fitted.errors.size)
-    place = names.index(DELAY)
-    assert found.delay.value == fitted.values[place]
-    assert found.delay.deviation == pytest.approx(np.sqrt(expected.covariance[place, place]))
-    assert found.delay.degrees_of_freedom == expected.degrees_of_freedom[place]
+    delay_index = names.index(DELAY)
+    assert found.delay.value == fitted.values[delay_index]
+    assert found.delay.deviation == pytest.approx(np.sqrt(expected.covariance[delay_index, delay_index]))
+    assert found.delay.degrees_of_freedom == expected.degrees_of_freedom[delay_index]
     assert found.delay.half_width == pytest.approx(
-        quantile(expected.degrees_of_freedom[place]) * np.sqrt(expected.covariance[place, place])
+        quantile(expected.degrees_of_freedom[delay_index]) * np.sqrt(expected.covariance[delay_index, delay_index])
     )
     # Thirty seconds give 23 windows of 1.25 s. A tenth of them is held out at a time.
     assert found.remarks[0] == "23 windows of 1.2 s in the air were fitted"
@@ -271,29 +271,31 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
 
 
 def test_logs_that_determine_nothing_but_a_delay_are_refused(monkeypatch, rotors):
-    def only(kept):
+    def only_informative(informative):
         def change(fitted, names):
             jacobian = np.zeros_like(fitted.jacobian)
-            for name in kept:
+            for name in informative:
                 jacobian[:, :, names.index(name)] = fitted.jacobian[:, :, names.index(name)]
             return fitted._replace(jacobian=jacobian)
 
         return change
 
-    for kept in ((), (DELAY,)):
+    for informative in ((), (DELAY,)):
         with pytest.raises(InputError, match="^cannot identify the vehicle: the logs determine none of its parameters"):
-            result_of(rotors, monkeypatch, change=only(kept))
-    found, *_ = result_of(rotors, monkeypatch, change=only(("thrust_factor",)))
+            result_of(rotors, monkeypatch, change=only_informative(informative))
+    found, *_ = result_of(rotors, monkeypatch, change=only_informative(("thrust_factor",)))
     assert set(found.estimates.identified) == {"thrust_factor", *NOISE_NAMES}
 
 
 def test_all_reasons_why_parameters_are_not_identified_are_reported(monkeypatch, rotors):
-    def quiet(fitted, names):
+    def with_small_noise(fitted, names):
         measured = fitted.noise.measured.copy()
         measured[:3] = 1.5e-5
         return fitted._replace(noise=fitted.noise._replace(measured=measured))
 
-    found, *_ = result_of(rotors, monkeypatch, change=quiet, held={"linear_drag": "wind"}, shown=forecast_of(0.7))
+    found, *_ = result_of(
+        rotors, monkeypatch, change=with_small_noise, reasons={"linear_drag": "wind"}, forecast_outputs=forecast_of(0.7)
+    )
     reasons = found.estimates.not_identified
     assert reasons["linear_drag"] == "wind"
     assert reasons[NOISE_NAMES[0]] == "it is below 2e-05 m or rad"
@@ -322,8 +324,10 @@ def test_a_parameter_is_listed_with_the_explained_variance_of_its_most_sensitive
     fitted = SimpleNamespace(jacobian=jacobian.reshape(3, 15, 4))
     none = np.zeros(1)
     fractions = {"x": np.nan, "z": 0.5, "pitch": 0.9}
-    shown = [ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()]
-    found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
+    forecast_outputs = [
+        ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()
+    ]
+    found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), forecast_outputs)
     # No variance is listed for `linear_drag`, whose output x does not vary, or for the delay, which is no parameter of
     # the vehicle.
     assert found == {"mass": ExplainedVariance(0.5, "z"), "inertia[1]": ExplainedVariance(0.9, "pitch")}
@@ -357,8 +361,8 @@ def test_undetermined_parameters_have_a_reason():
         "quadratic_drag",
     }
     assert set(module.undetermined_parameters(rotors, [])) == {"mass"}
-    still = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0"])
-    assert set(module.undetermined_parameters(still, ["linear_drag"])) == {"mass"}
+    without_quadratic_drag = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0"])
+    assert set(module.undetermined_parameters(without_quadratic_drag, ["linear_drag"])) == {"mass"}
     assert set(module.undetermined_parameters(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 

@@ -45,8 +45,8 @@ def test_a_path_is_recovered_with_its_acceleration_and_jerk():
     assert distance(found, PATH, 2.0) < 1e-4
     time = np.linspace(0.2, 4.2, 300)
     for order, allowed in ((1, 1e-3), (2, 0.02), (3, 0.5)):
-        ours = evaluate(route_path(found.route), time + 2.0, order)
-        np.testing.assert_allclose(ours, evaluate(PATH, time, order), atol=allowed)
+        actual = evaluate(route_path(found.route), time + 2.0, order)
+        np.testing.assert_allclose(actual, evaluate(PATH, time, order), atol=allowed)
 
 
 @pytest.mark.parametrize("velocity", [True, False])
@@ -172,8 +172,8 @@ def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
 
 def test_a_jumping_reference_with_a_logged_velocity_is_refused_with_the_time():
     record = replace(jumping(), reference_velocity=logged(PATH).reference_velocity)
-    place = r"off by \d\d\.\d mm at 2\.\d+ s; a possible cause is a jump"
-    with pytest.raises(InputError, match=place):
+    message = r"off by \d\d\.\d mm at 2\.\d+ s; a possible cause is a jump"
+    with pytest.raises(InputError, match=message):
         logged_reference(record, rest=1.0)
 
 
@@ -198,21 +198,23 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
             unit[knot, order] = 1.0
             path = hermite_path(found.times, unit)
             columns.append(np.concatenate([evaluate(path, time, each)[0] for each in (0, 1)]))
-    _, least, *_ = np.linalg.lstsq(np.array(columns).T, np.vstack(samples), rcond=None)
-    left = [np.sum((evaluate(found, time, each).T - samples[each]) ** 2, axis=0) for each in (0, 1)]
-    np.testing.assert_allclose(left[0] + left[1], least, rtol=1e-3)
+    _, min_squares, *_ = np.linalg.lstsq(np.array(columns).T, np.vstack(samples), rcond=None)
+    residual_squares = [np.sum((evaluate(found, time, each).T - samples[each]) ** 2, axis=0) for each in (0, 1)]
+    np.testing.assert_allclose(residual_squares[0] + residual_squares[1], min_squares, rtol=1e-3)
 
 
 def test_a_value_that_is_held_briefly_counts_once_at_the_middle_of_the_hold():
     """A value held for more than 50 ms is a rest, and each of its samples counts."""
     time = 0.01 * np.arange(17)
     values = np.array([0, 0, 0, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3], dtype=float)
-    sent, kept = reference._without_repetitions(time, [values[:, None]])
+    sent, unrepeated = reference._without_repetitions(time, [values[:, None]])
     expected = [(0.01, 0.0), (0.03, 1.0), (0.065, 2.0), *((0.01 * k, 3.0) for k in range(10, 17))]
-    np.testing.assert_allclose(np.column_stack([sent, kept[:, 0]]), expected)
+    np.testing.assert_allclose(np.column_stack([sent, unrepeated[:, 0]]), expected)
     # A sample with the same position but another velocity is not a repetition, and is kept.
-    sent, place, speed = reference._without_repetitions(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
-    np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
+    sent, position, speed = reference._without_repetitions(
+        time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])]
+    )
+    np.testing.assert_allclose(np.column_stack([sent, position[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
 
 
 def test_a_setpoint_is_held_until_the_next_one():
@@ -306,29 +308,29 @@ def test_the_approach_to_the_first_knot_accelerates_during_half_of_the_initial_p
 @pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_a_reference_whose_first_two_samples_are_equal_starts_at_rest(monkeypatch, rest):
     """If velocities are logged, the velocities of both samples must be zero as well."""
-    asked = []
+    calls = []
     fitted = reference._fitted_path
 
-    def noted(*arguments, at_rest=False, **options):
-        asked.append(at_rest)
+    def recorded_fit(*arguments, at_rest=False, **options):
+        calls.append(at_rest)
         return fitted(*arguments, at_rest=at_rest, **options)
 
-    monkeypatch.setattr(reference, "_fitted_path", noted)
+    monkeypatch.setattr(reference, "_fitted_path", recorded_fit)
     time = np.linspace(0.0, 1.0, 101)
-    still = np.tile([0.0, 0.0, 1.0], (101, 1))
-    slow, cross = still.copy(), np.zeros((101, 3))
-    slow[1:, 0] += 1e-4
-    cross[0, 1] = 1e-4
+    resting = np.tile([0.0, 0.0, 1.0], (101, 1))
+    moving, moving_sideways = resting.copy(), np.zeros((101, 3))
+    moving[1:, 0] += 1e-4
+    moving_sideways[0, 1] = 1e-4
     for position, velocity, at_rest in (
-        (still, None, True),
-        (still, np.zeros((101, 3)), True),
-        (slow, None, False),
-        (slow, np.zeros((101, 3)), False),
-        (still, cross, False),
+        (resting, None, True),
+        (resting, np.zeros((101, 3)), True),
+        (moving, None, False),
+        (moving, np.zeros((101, 3)), False),
+        (resting, moving_sideways, False),
     ):
         logged_reference(FlightRecord("a", time, reference_position=position, reference_velocity=velocity), rest=rest)
-        assert asked == [at_rest]
-        asked.clear()
+        assert calls == [at_rest]
+        calls.clear()
 
 
 def slowly_logged(record, period, *, offset=0.0):
@@ -380,13 +382,13 @@ def test_velocities_that_contradict_the_positions_are_ignored_and_reported():
 def test_repeated_samples_of_a_slow_reference_are_kept():
     """The log contains three equal samples of the reference at rest, before the reference moves."""
     time = 0.02 * np.arange(50)
-    place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
+    position = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
     record = FlightRecord(
-        "a", time, reference_position=np.column_stack([place, place, place]), reference_period=0.2 * 1.02
+        "a", time, reference_position=np.column_stack([position, position, position]), reference_period=0.2 * 1.02
     )
-    kept = reference._as_logged(record)
-    np.testing.assert_allclose(kept.time, [0.0, 0.2, 0.4, 0.6, 0.8], atol=1e-9)
-    np.testing.assert_array_equal(kept.reference_position[:, 0], [1.0, 1.0, 1.0, 2.0, 3.0])
+    at_logged_rate = reference._as_logged(record)
+    np.testing.assert_allclose(at_logged_rate.time, [0.0, 0.2, 0.4, 0.6, 0.8], atol=1e-9)
+    np.testing.assert_array_equal(at_logged_rate.reference_position[:, 0], [1.0, 1.0, 1.0, 2.0, 3.0])
     fast = replace(record, reference_period=0.05)
     assert reference._as_logged(fast) is fast
 
@@ -409,10 +411,10 @@ def test_a_smooth_reference_begins_at_the_lift_off():
     """PX4 commands a descending reference on the ground, which jumps to the position of the vehicle at take-off."""
     record = logged(PATH)
     record = replace(record, position=record.reference_position)
-    place, speed = record.reference_position.copy(), record.reference_velocity.copy()
-    place[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
+    position, speed = record.reference_position.copy(), record.reference_velocity.copy()
+    position[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
     found = logged_reference(
-        replace(record, reference_position=place, reference_velocity=speed), rest=2.0, lift_off=300
+        replace(record, reference_position=position, reference_velocity=speed), rest=2.0, lift_off=300
     )
     assert found.start == pytest.approx(2.0 - record.time[300])
     assert found.end == pytest.approx(record.time[-1])
@@ -420,13 +422,15 @@ def test_a_smooth_reference_begins_at_the_lift_off():
     np.testing.assert_allclose(evaluate(route_path(found.route), time + found.start), evaluate(PATH, time), atol=1e-3)
 
 
-@pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
-def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind):
+@pytest.mark.parametrize(("distance", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
+def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(distance, kind):
     """If the vehicle lifts off far below the reference, a smooth path that starts on the reference omits the climb."""
-    flown = logged(PATH, velocity=False).reference_position
-    place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
-    standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))
-    record = FlightRecord("a", 0.004 * np.arange(len(place)), position=standing, reference_position=place)
+    path_positions = logged(PATH, velocity=False).reference_position
+    reference_position = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), path_positions])
+    position = np.tile(POINTS[0] - [0.0, 0.0, distance], (len(reference_position), 1))
+    record = FlightRecord(
+        "a", 0.004 * np.arange(len(reference_position)), position=position, reference_position=reference_position
+    )
     assert logged_reference(record, rest=1.0, lift_off=150).route.kind == kind
 
 

@@ -127,12 +127,14 @@ def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Sce
 
 
 def test_only_individual_motor_throttles_determine_all_coefficients_of_the_thrust_curve(throttles: Scenario) -> None:
-    def powers(signals: set[str], *, own: bool) -> str:
-        return "".join(name[-2] for name in found_in(throttles, signals, has_motor_throttles=own) if "curve" in name)
+    def powers(signals: set[str], *, individual: bool) -> str:
+        return "".join(
+            name[-2] for name in found_in(throttles, signals, has_motor_throttles=individual) if "curve" in name
+        )
 
-    assert powers(POSE, own=True) == powers(IMU, own=True) == "012"
-    assert powers(POSE, own=False) == "01"
-    assert powers({"position"}, own=True) == powers({"position"}, own=False) == "02"
+    assert powers(POSE, individual=True) == powers(IMU, individual=True) == "012"
+    assert powers(POSE, individual=False) == "01"
+    assert powers({"position"}, individual=True) == powers({"position"}, individual=False) == "02"
     assert "thrust_factor" not in found_in(throttles, POSE, has_motor_throttles=True)
 
 
@@ -188,8 +190,8 @@ def test_the_prior_standard_deviation_of_a_positive_parameter_is_about_its_value
 @pytest.mark.parametrize("constant", [0.0005, 0.004, 0.06, 0.3])
 def test_the_prior_of_a_time_constant_allows_errors_of_tens_of_milliseconds(constant: float) -> None:
     """The time constant stays above 2 ms, or above the value of the data sheet if that is smaller."""
-    own = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
-    found = found_in(own, POSE)["rotor_time_constant"]
+    scenario = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
+    found = found_in(scenario, POSE)["rotor_time_constant"]
     assert 0.02 <= found.scale <= 0.1
     assert found.lower == pytest.approx(min(constant, max(0.002, 0.02 * constant)))
     assert found.upper == pytest.approx(50.0 * constant)
@@ -223,16 +225,19 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
     assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
     assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
     assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
-    behind, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
-    assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * behind["rotor_aerodynamics.lift"].scale)
-    assert behind["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
+    original, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
+    assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * original["rotor_aerodynamics.lift"].scale)
+    assert original["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
     # An effect that the vehicle lacks has the same prior as an effect with zero coefficients.
     lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
-    bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
+    without_drag, light = (
+        found_in(lacking, POSE),
+        found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE),
+    )
     for name in LINEAR_DRAG:
-        assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
-        assert light[name].scale == behind[name].start
-        assert bare[name].start == 0.0
+        assert without_drag[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
+        assert light[name].scale == original[name].start
+        assert without_drag[name].start == 0.0
     # Each of four motors carries a quarter of the weight in hover.
     curve = found_in(throttles, POSE, has_motor_throttles=True)
     assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(

@@ -47,7 +47,7 @@ def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve(
 
 
 @pytest.mark.parametrize(
-    ("moments", "least"),
+    ("moments", "limits"),
     [
         # The smallest moment of inertia is 0.8, and 0.1 % of it is 0.0008.
         ([0.3, 0.5, 0.9], [0.0008, 0.0008, 0.0008]),
@@ -58,12 +58,12 @@ def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve(
     ],
 )
 def test_second_moments_are_bounded_by_a_fraction_of_the_data_sheet_values(
-    moments: list[float], least: list[float]
+    moments: list[float], limits: list[float]
 ) -> None:
     parameters = parameters_with(inertia=sum(moments) - np.array(moments))
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
-    assert [lower[f"inertia[{i}]"] for i in range(3)] == pytest.approx(least)
+    assert [lower[f"inertia[{i}]"] for i in range(3)] == pytest.approx(limits)
     assert {upper[f"inertia[{i}]"] for i in range(3)} == {np.inf}
     # Other parameters keep their bounds.
     assert (lower["rotor_time_constant"], upper["rotor_time_constant"]) == (0.002, 2.5)
@@ -78,15 +78,15 @@ def test_a_flat_vehicle_can_be_identified_from_the_data_sheet_of_a_tall_one() ->
     np.testing.assert_allclose(limits.inverse @ nearest, values_of(flat), rtol=3e-3)
 
 
-@pytest.mark.parametrize(("start", "most"), [(0.1, 0.75), (1.2, 1.2)])
+@pytest.mark.parametrize(("start", "limit"), [(0.1, 0.75), (1.2, 1.2)])
 def test_the_limit_of_the_thrust_at_zero_throttle_is_half_of_hover_or_a_larger_data_sheet_value(
-    start: float, most: float
+    start: float, limit: float
 ) -> None:
     parameters = parameters_with(curve=np.array([start, 0.7, 2.0]))
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
     assert [lower[f"motors.curve[{i}]"] for i in range(3)] == [0.0, 0.0, 0.0]
-    assert [upper[f"motors.curve[{i}]"] for i in range(3)] == [most, np.inf, np.inf]
+    assert [upper[f"motors.curve[{i}]"] for i in range(3)] == [limit, np.inf, np.inf]
 
 
 @pytest.mark.parametrize("missing", ["inertia[1]", "motors.curve[2]"])

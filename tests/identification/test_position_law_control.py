@@ -11,12 +11,12 @@ from drake_quad.identification.results.estimates import quantile
 PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
 
 
-def law_of(*axes, form="acceleration", reach=1e-3):
+def law_of(*axes, form="acceleration", half_width=1e-3):
     """Return a law from the gains of X, Y and Z. A gain is a value, or a value with the half-width of its interval."""
     found = []
     for name, gains in zip("xyz", axes, strict=True):
-        pairs = {key: value if isinstance(value, tuple) else (value, reach) for key, value in gains.items()}
-        spreads = {key: EstimatedValue(value, wide / quantile(9.0), "", 9.0) for key, (value, wide) in pairs.items()}
+        pairs = {key: value if isinstance(value, tuple) else (value, half_width) for key, value in gains.items()}
+        spreads = {key: EstimatedValue(value, width / quantile(9.0), "", 9.0) for key, (value, width) in pairs.items()}
         found.append(AxisLaw((name,), spreads, 0.999))
     # The order of the axes does not matter.
     return PositionLaw(tuple(found[::-1]), form, 0.0)
@@ -92,8 +92,8 @@ def test_a_pd_feeds_forward_either_the_whole_reference_velocity_or_none_of_it(
     reference_velocity, derivative, fraction, sign
 ):
     """A feedforward between 0 and 1 gives a cascade. The feedforward does not depend on the sign of the gains."""
-    value, reach = reference_velocity
-    control = control_of(PD_GAINS | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
+    value, half_width = reference_velocity
+    control = control_of(PD_GAINS | {"velocity": sign * 3.0, "reference_velocity": (sign * value, half_width)})
     if derivative is None:
         assert control["kind"] == "pid_cascade"
         assert control["velocity_feed_forward"] == pytest.approx(fraction, rel=1e-4)
@@ -188,10 +188,10 @@ def test_axes_of_a_cascade_have_individual_gains():
             for position, velocity, of_position, of_velocity in loops
         )
     )
-    for place, (loop, name) in enumerate(
+    for index, (loop, name) in enumerate(
         [("position", "k_p"), ("velocity", "k_p"), ("position", "k_i"), ("velocity", "k_i")]
     ):
-        np.testing.assert_allclose(control[loop][name], [each[place] for each in loops], rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(control[loop][name], [each[index] for each in loops], rtol=1e-4, atol=1e-9)
     assert control["velocity_feed_forward"] == 0.5
 
 

@@ -116,8 +116,8 @@ def test_smoothing_does_not_change_lines_and_adds_half_of_the_curvature_to_parab
     np.testing.assert_allclose(piece.error[inner], (1.5 * (reference + 0.5 * PERIOD**2 * acceleration))[inner])
     np.testing.assert_allclose(piece.velocity[inner], -0.5 * velocity[inner], atol=1e-12)
     # Except at the repeated end samples, the integral of the velocity is the displacement since the first sample.
-    way = -0.5 * (reference - reference[2])
-    np.testing.assert_allclose((piece.travel - piece.travel[2])[inner], way[inner], atol=1e-12)
+    displacement = -0.5 * (reference - reference[2])
+    np.testing.assert_allclose((piece.travel - piece.travel[2])[inner], displacement[inner], atol=1e-12)
 
 
 def test_the_deviation_is_the_position_noise_in_the_form_decoupled_and_zero_in_all_others(vehicle):
@@ -172,12 +172,12 @@ def test_parabolas_last_a_tenth_of_a_second_and_have_at_least_five_samples(vehic
     """A single wrong value of 1 changes the derivative at a distance of d samples by -d / Σ d², within the parabola."""
     time = period * np.arange(round(6.0 / period))
     reference, velocity, _ = polynomials(time)
-    spoilt = len(time) // 2
-    reference[spoilt, 0] += 1e-4
+    wrong_sample = len(time) // 2
+    reference[wrong_sample, 0] += 1e-4
     found, _ = prepared_pieces(record_of(time, reference_position=reference, reference_velocity=None), vehicle, [])
     distances = np.arange(-half, half + 1)
     wrong = velocity.copy()
-    wrong[spoilt - half : spoilt + half + 1, 0] -= 1e-4 * distances / np.sum(distances**2) / period
+    wrong[wrong_sample - half : wrong_sample + half + 1, 0] -= 1e-4 * distances / np.sum(distances**2) / period
     np.testing.assert_allclose(found["acceleration"][0].reference_velocity, smoothed(wrong), atol=1e-9)
 
 
@@ -252,9 +252,9 @@ def test_samples_at_a_limit_and_on_the_ground_are_not_used_in_the_regression(veh
 
 
 def test_logs_without_motion_are_refused(vehicle):
-    still = np.zeros((600, 3))
-    almost = still + np.where(np.arange(600) < 300, 0.0, 0.019)[:, None]
-    for reference in (still, almost):
+    resting = np.zeros((600, 3))
+    almost = resting + np.where(np.arange(600) < 300, 0.0, 0.019)[:, None]
+    for reference in (resting, almost):
         with pytest.raises(InputError, match="the reference of the log 'log' does not move"):
             prepared_pieces(record_of(reference_position=reference), vehicle, [])
     moving = almost * [1.0, 1.2, 1.0]
@@ -359,23 +359,23 @@ def test_a_clipped_tilt_is_at_a_limit():
 
 
 def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme():
-    at_end = np.arange(2000)
+    samples = np.arange(2000)
     spread = 0.5 * TRIANGLE
 
-    def found(here, beside, usable=None):
-        thrust = np.where(at_end < here, 1.0, spread)
+    def num_limited(at_maximum, below_maximum, usable=None):
+        thrust = np.where(samples < at_maximum, 1.0, spread)
         # The thrust has a range of 1.5. `here` samples are at the maximum. `beside` samples are below the maximum by
         # 0.75 % of the range, between the two margins of 0.5 % and 1 %.
-        thrust = np.where((at_end >= here) & (at_end < here + beside), 1.0 - 1.5 * 0.0075, thrust)
+        thrust = np.where((samples >= at_maximum) & (samples < at_maximum + below_maximum), 1.0 - 1.5 * 0.0075, thrust)
         return limited(usable, thrust=thrust).sum()
 
-    assert (found(7, 0), found(8, 0)) == (0, 8)
-    assert (found(29, 5), found(30, 5)) == (0, 30)
-    assert (found(1000, 0), found(1001, 0)) == (1000, 0)
+    assert (num_limited(7, 0), num_limited(8, 0)) == (0, 8)
+    assert (num_limited(29, 5), num_limited(30, 5)) == (0, 30)
+    assert (num_limited(1000, 0), num_limited(1001, 0)) == (1000, 0)
     # Samples on the ground are never in the mask.
-    assert found(20, 0, at_end >= 10) == 10
-    assert found(600, 0, at_end < 1000) == 0
-    assert found(15, 0, at_end >= 10) == 0
+    assert num_limited(20, 0, samples >= 10) == 10
+    assert num_limited(600, 0, samples < 1000) == 0
+    assert num_limited(15, 0, samples >= 10) == 0
 
 
 def test_a_constant_command_is_not_at_a_limit():

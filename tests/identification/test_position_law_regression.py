@@ -118,8 +118,8 @@ def test_the_search_begins_at_the_best_start():
 def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
     """The squared residuals have a narrow minimum over the delay, so the search starts from delays 15 ms apart."""
     (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
-    late = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
-    command = np.interp(piece.time - delay, piece.time, late)
+    undelayed = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
+    command = np.interp(piece.time - delay, piece.time, undelayed)
     counted = piece.counted & (piece.time >= 0.15)
     found = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
     assert found.shape.delay == pytest.approx(delay, abs=2e-4)
@@ -166,11 +166,11 @@ def stacked(pieces, axes, terms):
     found, commands, free = [], [], []
     for axis in axes:
         for piece in pieces:
-            kept = piece.counted
-            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[kept, axis] for name in terms]
+            counted = piece.counted
+            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[counted, axis] for name in terms]
             found.append(np.column_stack(columns))
-            commands.append(piece.command[kept, axis])
-            free.append(np.column_stack([np.ones(kept.sum()), piece.time[kept]]))
+            commands.append(piece.command[counted, axis])
+            free.append(np.column_stack([np.ones(counted.sum()), piece.time[counted]]))
     return np.concatenate(found), np.concatenate(commands), scipy.linalg.block_diag(*free)
 
 
@@ -180,12 +180,12 @@ def test_gains_are_the_least_squares_solution_with_a_linear_trend_per_stretch_an
     regressors, commands, free = stacked(pieces, axes, terms)
     together = np.hstack([regressors, free])
     solution = np.linalg.lstsq(together, commands, rcond=None)[0]
-    left = commands - together @ solution
-    bare = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
+    residuals = commands - together @ solution
+    detrended = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
     found = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
     np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
-    np.testing.assert_allclose(found.residuals, left, atol=1e-10)
-    assert found.explained_variance == pytest.approx(1.0 - left @ left / (bare @ bare))
+    np.testing.assert_allclose(found.residuals, residuals, atol=1e-10)
+    assert found.explained_variance == pytest.approx(1.0 - residuals @ residuals / (detrended @ detrended))
     assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
 
 
@@ -222,24 +222,24 @@ def test_the_regressors_are_the_terms_of_the_law():
 def test_the_velocity_filter_is_a_first_order_lag_that_starts_in_steady_state():
     """The response to a ramp is exact to third order in the period, and does not start with a jump."""
     piece = flown()
-    still = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
-    found = regression._columns(still, 0, ("velocity",), Shape(0.0, 0.1))
+    constant = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
+    found = regression._columns(constant, 0, ("velocity",), Shape(0.0, 0.1))
     np.testing.assert_allclose(found, -2.0)
     ramp = piece._replace(velocity=np.tile(piece.time[:, None], 3))
-    late = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
+    ramp_response = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
     # The response to the ramp r(t) = t is t - τ (1 - exp(-t / τ)).
     expected = piece.time - 0.1 * (1.0 - np.exp(-piece.time / 0.1))
-    np.testing.assert_allclose(late, expected, atol=0.1 * (PERIOD / 0.1) ** 2 / 11.0)
+    np.testing.assert_allclose(ramp_response, expected, atol=0.1 * (PERIOD / 0.1) ** 2 / 11.0)
 
 
 def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_second():
     piece = flown()
-    for deviation, moves in ((0.009, False), (0.011, True)):
+    for deviation, is_term in ((0.009, False), (0.011, True)):
         speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
         # Larger motion in samples that the regression does not use, or on another axis, is ignored.
         slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
         terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
-        assert ("displacement" in terms) == ("reference_velocity" in terms) == moves
+        assert ("displacement" in terms) == ("reference_velocity" in terms) == is_term
         assert {"position", "velocity", "integral"} <= {*terms}
 
 
@@ -253,11 +253,11 @@ def test_nuisance_terms_are_fitted_only_if_they_are_not_zero_on_a_fitted_axis(na
     assert excited_terms(pieces, (0, 1)) == (*BASIC_TERMS, name)
 
 
-def direct_independent_samples(left):
+def direct_independent_samples(residuals):
     """Return n / (1 + 2 Σ ρ_k), from direct sums over pairs of samples."""
-    count, total = len(left), 0.0
+    count, total = len(residuals), 0.0
     for lag in range(1, count // 2):
-        correlation = left[:-lag] @ left[lag:] / (left @ left)
+        correlation = residuals[:-lag] @ residuals[lag:] / (residuals @ residuals)
         if correlation < 0.0:
             break
         total += correlation
@@ -268,18 +268,18 @@ def test_correlated_samples_are_less_informative_than_independent_ones():
     random = np.random.default_rng(2)
     white = random.normal(size=1500)
     slow = scipy.signal.lfilter([1.0], [1.0, -0.9], random.normal(size=20001))
-    for left in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
-        expected = direct_independent_samples(left)
-        assert regression._independent_samples(left) == pytest.approx(expected, rel=1e-9)
+    for residuals in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
+        expected = direct_independent_samples(residuals)
+        assert regression._independent_samples(residuals) == pytest.approx(expected, rel=1e-9)
     # With correlations 0.9^k, n samples are equivalent to n (1 - 0.9) / (1 + 0.9) independent samples.
     assert regression._independent_samples(slow) == pytest.approx(20001 / 19.0, rel=0.15)
     assert regression._independent_samples(np.zeros(50)) == 50.0
 
 
-def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
+def fit_with(residuals, terms=("position", "velocity"), free=("delay",), last=1.0):
     """Return a fit whose last gain and last nonlinear parameter are both `last`."""
     shape = Shape()._replace(**{free[-1]: last})
-    return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, left, 0.9)
+    return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, residuals, 0.9)
 
 
 @pytest.mark.parametrize(
@@ -305,25 +305,25 @@ def test_an_extended_law_is_taken_if_its_last_parameter_is_significant(
     monkeypatch, samples, fraction, last, better, linear
 ):
     # Residuals of alternating sign have no positive correlation.
-    left = np.tile([1.0, -1.0], samples // 2)
-    simple = fit_with(left)
-    rich = fit_with(
-        np.sqrt(fraction) * left,
+    residuals = np.tile([1.0, -1.0], samples // 2)
+    simple = fit_with(residuals)
+    extended = fit_with(
+        np.sqrt(fraction) * residuals,
         ("position", "velocity", "integral") if linear else simple.terms,
         simple.free if linear else ("delay", "filter_time"),
         last,
     )
-    reaches = np.full(4, 1e9)
-    reaches[2 if linear else 3] = 0.3
-    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (reaches, None))
-    assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
+    half_widths = np.full(4, 1e9)
+    half_widths[2 if linear else 3] = 0.3
+    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (half_widths, None))
+    assert regression._better_fit([], (0,), simple, extended) is (extended if better else simple)
 
 
 def test_the_simpler_law_is_taken_if_both_laws_fit_exactly(monkeypatch):
     """Both laws leave no residual, for example if the command is constant."""
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
-    simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
-    assert regression._better_fit([], (0,), simple, rich) is simple
+    simple, extended = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
+    assert regression._better_fit([], (0,), simple, extended) is simple
 
 
 def rule_bias(named):
@@ -359,7 +359,7 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
         pieces = [piece._replace(deviation=sines(3, piece.time)) for piece in pieces]
         pieces = [piece._replace(command=piece.command + sines(3, piece.time - 0.02)) for piece in pieces]
     fit = search_fit(pieces, (0, 1), terms, [shape], free)
-    reaches, freedom = uncertainty(pieces, (0, 1), fit)
+    half_widths, freedom = uncertainty(pieces, (0, 1), fit)
     step = 1e-5
     with_delay = [
         regression._regression(pieces, (0, 1), terms, fit.shape._replace(delay=fit.shape.delay + change))[0]
@@ -370,13 +370,15 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
     # Twelve seconds give fifteen blocks per axis. A block is left out on both axes at the same time.
     blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
-    moves, fractions = [], []
+    changes, fractions = [], []
     for block in range(15):
-        kept = blocks != block
-        moves.append(np.linalg.solve(jacobian[kept].T @ jacobian[kept], jacobian[~kept].T @ fit.residuals[~kept]))
-        fractions.append(np.diag(inverse @ jacobian[~kept].T @ jacobian[~kept] @ inverse))
+        others = blocks != block
+        changes.append(
+            np.linalg.solve(jacobian[others].T @ jacobian[others], jacobian[~others].T @ fit.residuals[~others])
+        )
+        fractions.append(np.diag(inverse @ jacobian[~others].T @ jacobian[~others] @ inverse))
     model = np.mean(fit.residuals**2) * inverse
-    variances = np.maximum(14 / 15 * np.sum(np.square(moves), axis=0), np.diag(model))
+    variances = np.maximum(14 / 15 * np.sum(np.square(changes), axis=0), np.diag(model))
     expected_freedom = np.sum(fractions, axis=0) ** 2 / np.sum(np.square(fractions), axis=0) - 1.0
     named = dict(zip(terms, fit.gains.tolist(), strict=True))
     with_position = np.isin([*terms, "delay"], ["position", "deviation"])
@@ -386,22 +388,22 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
     # The derivative with respect to the delay is a difference between interpolated samples. The tolerance allows for
     # its dependence on the step of the difference.
     np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
-    np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
+    np.testing.assert_allclose(half_widths, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
 
 
 @pytest.mark.parametrize(
-    ("terms", "shape", "rich"),
+    ("terms", "shape", "additional"),
     [
         (BASIC_TERMS, Shape(0.05), ()),
         (BASIC_TERMS, Shape(0.05, 0.1), ("filter_time",)),
         ((*BASIC_TERMS, "double_integral"), Shape(0.05), ("double_integral",)),
     ],
 )
-def test_the_terms_of_a_law_are_recovered(terms, shape, rich):
+def test_the_terms_of_a_law_are_recovered(terms, shape, additional):
     """No filter, limit or double integral is found if the law has none."""
     piece = flown(terms, shape, noise=0.02)
     found = select_fit([piece], (0,))
-    assert {*found.terms, *found.free} == {*BASIC_TERMS, "delay", *rich}
+    assert {*found.terms, *found.free} == {*BASIC_TERMS, "delay", *additional}
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
     assert found.shape.delay == pytest.approx(0.05, abs=0.01)
 
@@ -491,7 +493,7 @@ def fit_of_everything(explained_variance=0.99):
 
 
 @pytest.mark.parametrize(
-    ("explained", "alike", "weak", "groups", "refused"),
+    ("explained", "are_equal", "imprecise", "groups", "refused"),
     [
         ((0.96, 0.96, 0.96), True, "", ["xy", "z"], []),
         ((0.96, 0.96, 0.96), False, "", ["x", "y", "z"], []),
@@ -504,16 +506,16 @@ def fit_of_everything(explained_variance=0.99):
     ],
 )
 def test_an_axis_is_refused_if_its_fit_is_poor_or_its_velocity_gain_is_uncertain(
-    monkeypatch, explained, alike, weak, groups, refused
+    monkeypatch, explained, are_equal, imprecise, groups, refused
 ):
     def axis_law(pieces, axes, form, fit):
         names = "".join("xyz"[axis] for axis in axes)
-        reasons = {"velocity": "too wide", "integral": "too wide"} if names == weak else {"integral": "too wide"}
+        reasons = {"velocity": "too wide", "integral": "too wide"} if names == imprecise else {"integral": "too wide"}
         return AxisLaw(tuple(names), {}, fit.explained_variance, reasons)
 
     def compared(pieces, fits):
-        assert alike is not None
-        return alike
+        assert are_equal is not None
+        return are_equal
 
     monkeypatch.setattr(law, "_log_unexplained", len)
     monkeypatch.setattr(law, "select_fit", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
@@ -522,7 +524,7 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_its_velocity_gain_is_uncertain
     found = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
     assert ["".join(each.axes) for each in found.axes] == groups
     assert [*found.not_identified] == refused
-    if weak:
+    if imprecise:
         assert found.not_identified[refused[0]] == "velocity: too wide"
 
 
@@ -532,21 +534,21 @@ def test_a_poor_fit_is_reported_with_the_fraction_that_it_explains():
         assert "explains nothing of the variance" in law._poor_fit_reason(nothing)
 
 
-@pytest.mark.parametrize(("difference", "alike"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
-def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, alike):
+@pytest.mark.parametrize(("difference", "are_combined"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
+def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, are_combined):
     """With half-widths of 0.3 and 0.4, the difference has the half-width 0.5.
 
     Terms of only one axis are not compared.
     """
 
     def spreads(pieces, axes, fit, form):
-        offset, reach = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
-        own = {"position": 4.0, "velocity": 3.0 + offset, "filter_time" if axes == (0,) else "error_limit": 100.0}
-        deviation = reach / quantile(7.0)
-        return {name: EstimatedValue(value, deviation, "", 7.0) for name, value in own.items()}
+        offset, half_width = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
+        values = {"position": 4.0, "velocity": 3.0 + offset, "filter_time" if axes == (0,) else "error_limit": 100.0}
+        deviation = half_width / quantile(7.0)
+        return {name: EstimatedValue(value, deviation, "", 7.0) for name, value in values.items()}
 
     monkeypatch.setattr(law, "_estimates", spreads)
-    assert law._have_same_law([], dict.fromkeys(range(3))) == alike
+    assert law._have_same_law([], dict.fromkeys(range(3))) == are_combined
 
 
 @pytest.mark.parametrize(
@@ -558,12 +560,12 @@ def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monk
     ],
 )
 def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units):
-    reaches, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
-    monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (reaches, freedoms))
+    half_widths, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
+    monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (half_widths, freedoms))
     found = law._estimates([], axes, fit_of_everything(), form)
     assert [*found] == [*BASIC_TERMS, "delay"]
     np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
-    np.testing.assert_allclose([each.half_width for each in found.values()], reaches)
+    np.testing.assert_allclose([each.half_width for each in found.values()], half_widths)
     assert [each.degrees_of_freedom for each in found.values()] == freedoms.tolist()
     assert [each.unit for each in found.values()] == [*units, "s"]
     assert law._UNITS["double_integral"] == ("1/s⁴", "rad/(m s²)")
@@ -590,31 +592,33 @@ def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typica
     certain = {"position": EstimatedValue(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
     certain["velocity"] = EstimatedValue(-3.0, 0.01, "1/s", 20.0)
     for fraction in (0.49, 0.51):
-        reach = fraction * min(typical, 1e6)
-        own = certain.get(name, EstimatedValue(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
-        weak = law._imprecise(certain | {name: own})
+        half_width = fraction * min(typical, 1e6)
+        estimate = certain.get(name, EstimatedValue(0.01, 0.0, unit, 20.0))._replace(
+            deviation=half_width / quantile(20.0)
+        )
+        imprecise = law._imprecise(certain | {name: estimate})
         if fraction > 0.5 and np.isfinite(typical):
-            assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
+            assert imprecise == {name: f"the half-width of its 95 % interval is {half_width:.2g} {unit}"}
         else:
-            assert weak == {}
+            assert imprecise == {}
 
 
 def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
     """Position and velocity gain, delay, filter and limit stay in the fit, even if they are not identified."""
     pieces = [flown(BASIC_TERMS[:4], Shape(0.05), noise=0.02)]
     fit = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.05)], ("delay",))
-    weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
-    monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(weak))
+    imprecise = {"position": "wide", "displacement": "wide", "delay": "wide"}
+    monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(imprecise))
     found = law._axis_law(pieces, (0,), "heading", fit)
-    kept = tuple(name for name in BASIC_TERMS if name != "displacement")
-    again = search_fit(pieces, (0,), kept, [fit.shape], ("delay",))
-    assert found.not_identified == weak
-    assert {*found.gains} == {*kept} - {"position"}
-    wide, narrow = (law._estimates(pieces, (0,), each, "heading") for each in (fit, again))
+    identified = tuple(name for name in BASIC_TERMS if name != "displacement")
+    refit = search_fit(pieces, (0,), identified, [fit.shape], ("delay",))
+    assert found.not_identified == imprecise
+    assert {*found.gains} == {*identified} - {"position"}
+    wide, narrow = (law._estimates(pieces, (0,), each, "heading") for each in (fit, refit))
     for name, spread in found.gains.items():
         assert spread.value == narrow[name].value
         assert spread.deviation == max(wide[name].deviation, narrow[name].deviation)
-    assert found.explained_variance == again.explained_variance != fit.explained_variance
+    assert found.explained_variance == refit.explained_variance != fit.explained_variance
     assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in found.gains)
     assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
@@ -638,10 +642,10 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
 
 def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(monkeypatch):
     """An exact fit of a single axis does not decide the comparison: its unexplained variance is raised to 1e-12."""
-    seen = []
+    used = []
 
     def fit_with_limit(pieces, axes):
-        seen.append([np.flatnonzero(piece.counted) for piece in pieces])
+        used.append([np.flatnonzero(piece.counted) for piece in pieces])
         return fit_of_everything((1.0 - 1e-3, 1.0 - 1e-6, 1.0)[axes[0]])
 
     monkeypatch.setattr(law, "fit_with_limit", fit_with_limit)
@@ -649,8 +653,8 @@ def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(
     expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
     assert law._log_unexplained(pieces) == pytest.approx(expected, rel=1e-6)
     # Every third of 2000 samples is used, which is more than 600 samples.
-    for found, piece in zip(seen[0], pieces, strict=True):
+    for found, piece in zip(used[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
         np.testing.assert_array_equal(found, every[piece.counted[every]])
     law._log_unexplained([flown(seconds=6.0)])
-    np.testing.assert_array_equal(seen[-1][0], np.arange(100, 600))
+    np.testing.assert_array_equal(used[-1][0], np.arange(100, 600))

@@ -75,13 +75,13 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
     """
     time = 0.01 * np.arange(round(100 * seconds))
     velocity = np.array([0.5, -0.3, 0.2]) + time[:, None] * np.array(acceleration)
-    place = time[:, None] * np.array([0.5, -0.3, 0.2]) + 0.5 * time[:, None] ** 2 * np.array(acceleration)
+    position = time[:, None] * np.array([0.5, -0.3, 0.2]) + 0.5 * time[:, None] ** 2 * np.array(acceleration)
     turned = Rotation.from_rotvec(np.outer(time + 0.5 * angular * time**2, turning))
     rates = np.outer(1.0 + angular * time, turning)
     attitude = turned.as_euler("ZYX")[:, ::-1]
     commands = np.full((len(time), 4), 200.0)
     return FlightRecord(
-        "moving", time, position=place, velocity=velocity, attitude=attitude, body_rates=rates,
+        "moving", time, position=position, velocity=velocity, attitude=attitude, body_rates=rates,
         rotor_speed_command=commands,
     )  # fmt: skip
 
@@ -175,15 +175,17 @@ def of_errors(errors, names=("one", "other"), *, horizon=0.5, quantity="position
 
 
 def test_a_vehicle_that_predicts_significantly_worse_than_a_baseline_is_reported():
-    sure = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
-    errors = np.stack([2.0 * sure, sure, 3.0 * sure])
+    similar_errors = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
+    errors = np.stack([2.0 * similar_errors, similar_errors, 3.0 * similar_errors])
     names = ("mine", *PREDICTORS_WITHOUT_MODEL)
     found = of_errors(errors, names, quantity="body_rates").losses("mine")
     assert found == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
-    unsure = np.stack([np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * sure])
-    assert of_errors(unsure, names).better("position", "mine", "constant velocity", 0.5).value < 0.0
-    assert of_errors(unsure, names).losses("mine") == ""
-    assert of_errors(np.stack([sure, 2.0 * sure, 2.0 * sure]), names).losses("mine") == ""
+    scattered_errors = np.stack(
+        [np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * similar_errors]
+    )
+    assert of_errors(scattered_errors, names).better("position", "mine", "constant velocity", 0.5).value < 0.0
+    assert of_errors(scattered_errors, names).losses("mine") == ""
+    assert of_errors(np.stack([similar_errors, 2.0 * similar_errors, 2.0 * similar_errors]), names).losses("mine") == ""
 
 
 def test_intervals_of_an_rms_error_follow_from_blocks():
@@ -192,9 +194,9 @@ def test_intervals_of_an_rms_error_follow_from_blocks():
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))
     found = given.rmse("position", "one", 0.5)
-    reach = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
+    half_width = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
     assert found.value == pytest.approx(math.sqrt(np.mean(squares)))
-    assert found.high == pytest.approx(found.value * math.exp(reach), rel=1e-6)
+    assert found.high == pytest.approx(found.value * math.exp(half_width), rel=1e-6)
     assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
     assert concatenate_predictions([given, given]).starts(0.5) == 12
     single = Predictions(
@@ -251,9 +253,9 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
     errors = np.repeat(sizes, 20)[None, None]
     found = Predictions(("one",), (2.0,), log, time, {"position": errors}).rmse("position", "one", 2.0)
     squares = sizes**2
-    reach = quantile(5) * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
-    assert found.high / found.value == pytest.approx(math.exp(reach), rel=1e-6)
-    assert found.low / found.value == pytest.approx(math.exp(-reach), rel=1e-6)
+    half_width = quantile(5) * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
+    assert found.high / found.value == pytest.approx(math.exp(half_width), rel=1e-6)
+    assert found.low / found.value == pytest.approx(math.exp(-half_width), rel=1e-6)
     empty = Predictions(("one",), (2.0,), log, time, {"position": np.full((1, 1, 120), np.nan)})
     assert np.isnan(empty.rmse("position", "one", 2.0)).all()
     assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
@@ -261,12 +263,14 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
 
 def test_the_interval_of_a_comparison_of_vehicles_follows_from_paired_differences():
     """The squared errors of each vehicle are divided by their mean before the difference is taken."""
-    own, others = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
-    better = of_errors(np.stack([own, others])).better("position", "one", "other", 0.5)
-    ratio = math.sqrt(np.mean(own**2) / np.mean(others**2))
-    differences = own**2 / np.mean(own**2) - others**2 / np.mean(others**2)
-    reach = 0.5 * quantile(11) * math.sqrt(12.0 / 11.0 * np.sum(differences**2)) / 12.0
-    assert better == pytest.approx((1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach)))
+    first, second = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
+    better = of_errors(np.stack([first, second])).better("position", "one", "other", 0.5)
+    ratio = math.sqrt(np.mean(first**2) / np.mean(second**2))
+    differences = first**2 / np.mean(first**2) - second**2 / np.mean(second**2)
+    half_width = 0.5 * quantile(11) * math.sqrt(12.0 / 11.0 * np.sum(differences**2)) / 12.0
+    assert better == pytest.approx(
+        (1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
+    )
 
 
 @pytest.mark.slow
@@ -275,8 +279,8 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     """No prediction starts in the first 0.4 s of the log, or within 50 ms after a gap."""
     log = moving([0.0, 0.0, 0.1], seconds=12.0)
     landed = np.where((log.time > 5.0) & (log.time < 7.0), 0.0, 200.0)
-    kept = (log.time < 9.0) | (log.time > 9.3)
-    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).subset(kept)
+    outside_gap = (log.time < 9.0) | (log.time > 9.3)
+    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).subset(outside_gap)
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 0.5))
     for i, horizon in enumerate(found.horizons):
         reached = np.isfinite(found.errors["position"][0, i])
@@ -308,8 +312,10 @@ def test_predictions_start_every_tenth_of_a_second_with_time_for_filter_and_hori
     # The commands that the rotors follow are unknown after a gap.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
     # If the final fraction of the flight is 0.25, predictions start only in the last quarter of the flight.
-    late = prediction._starts(log, 6, (0.2,), 0.25)
-    np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
+    in_last_quarter = prediction._starts(log, 6, (0.2,), 0.25)
+    np.testing.assert_array_equal(
+        in_last_quarter, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300]
+    )
 
 
 def test_the_yaw_rate_is_correct_where_the_logged_yaw_wraps():
@@ -383,8 +389,8 @@ def test_parabolas_are_fitted_to_fifty_milliseconds_and_at_least_four_samples(sc
     """The fifty milliseconds include the samples at both ends."""
     given = []
 
-    def starts_of(record, past, horizons, fraction):
-        given.append((past, fraction))
+    def starts_of(record, num_past, horizons, fraction):
+        given.append((num_past, fraction))
         return np.array([], dtype=int)
 
     monkeypatch.setattr(prediction, "_starts", starts_of)
@@ -406,10 +412,10 @@ def test_the_interval_of_a_mean_follows_from_independent_blocks():
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
 def test_only_the_end_of_the_flight_is_predicted_on_request(record, scenario):
-    late = predict(record, {"right": scenario}, final_fraction=0.25, horizons=(0.1,))
-    whole = predict(record, {"right": scenario}, horizons=(0.1,))
-    assert late.time.min() > 0.7 * record.time[-1]
-    assert len(late.time) == pytest.approx(0.25 * len(whole.time), abs=3)
+    at_end = predict(record, {"right": scenario}, final_fraction=0.25, horizons=(0.1,))
+    complete = predict(record, {"right": scenario}, horizons=(0.1,))
+    assert at_end.time.min() > 0.7 * record.time[-1]
+    assert len(at_end.time) == pytest.approx(0.25 * len(complete.time), abs=3)
 
 
 @pytest.mark.parametrize(

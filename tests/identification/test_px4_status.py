@@ -94,21 +94,21 @@ def remarks(**topics):
 )
 def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, size, words):
     """Resets below 0.01 are ignored, since every estimator begins with them."""
-    what, unit = words.split(" {} ")
+    quantity, unit = words.split(" {} ")
     for count, jumps in ((1, [(3, 0.2)]), (2, [(3, 0.2), (9, 0.4)]), (1, [(3, 0.001), (9, 0.4)]), (0, [(3, 0.001)])):
         counts = sum((np.arange(20) >= row).astype(int) for row, _ in jumps)
         sizes = np.zeros(20)
         for row, jump in jumps:
             sizes[row] = jump / len(fields) ** 0.5 / size
-        said = remarks(**{topic: {f"{counter}_reset_counter": counts} | dict.fromkeys(fields, sizes)})
+        actual = remarks(**{topic: {f"{counter}_reset_counter": counts} | dict.fromkeys(fields, sizes)})
         if count == 0:
-            assert said == []
+            assert actual == []
             continue
         large = [(row, jump) for row, jump in jumps if jump > 0.01]
         times = "once" if count == 1 else "2 times"
-        assert said == [
-            f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
-            f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
+        assert actual == [
+            f"the estimator resets its {quantity} {times}, by up to {max(jump for _, jump in large):.2g} {unit},"
+            f" first at {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
     # A reset is not reported if its size is not logged.
     assert remarks(**{topic: {f"{counter}_reset_counter": np.arange(20)}}) == []
@@ -121,26 +121,26 @@ def test_failsafes_faults_and_dead_reckoning_are_reported_with_their_times():
         " reference there"
     ]
     assert remarks(vehicle_status={"failsafe": np.zeros(20, dtype=bool)}) == []
-    for field, what in (
+    for field, fault in (
         ("filter_fault_flags", "numerical faults"),
         ("innovation_check_flags", "rejected measurements"),
     ):
         assert remarks(estimator_status={field: np.where(rows > 14, 4, 0)}) == [
-            f"estimator_status reports {what} in 25.00% of its samples, first at 2.5 s of the log"
+            f"estimator_status reports {fault} in 25.00% of its samples, first at 2.5 s of the log"
         ]
-    reckoned = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
-    assert remarks(vehicle_local_position=reckoned) == [
+    with_dead_reckoning = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
+    assert remarks(vehicle_local_position=with_dead_reckoning) == [
         "the position comes from dead reckoning in 25.00% of its samples, first at 1.5 s of the log"
     ]
 
 
 @pytest.mark.parametrize(("armed", "landed", "ends"), [(2, 0, True), (1, 0, False), (2, 1, False)])
 def test_a_log_ends_in_flight_if_it_is_armed_and_not_landed(armed, landed, ends):
-    said = remarks(
+    actual = remarks(
         vehicle_status={"arming_state": np.array([1, 2, armed])},
         vehicle_land_detected={"landed": np.array([1, 1 - landed, landed])},
     )
-    assert (said == ["the log ends in flight"]) == ends
+    assert (actual == ["the log ends in flight"]) == ends
     assert remarks(vehicle_status={"arming_state": np.array([armed])}) == []
 
 
@@ -163,8 +163,8 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
     found, remarks = with_motor_pulses(data, parameters)
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
-    whole = "the pulse range of the motors, from off to full throttle, is"
-    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since the log contains no such parameter"
+    phrase = "the pulse range of the motors, from off to full throttle, is"
+    assert remarks[0] == f"{phrase} 1000 to 2000 µs, assumed, since the log contains no such parameter"
     assert (
         remarks[1]
         == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, according to the parameters PWM_MAIN_FUNC1 and so on"
@@ -175,8 +175,8 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
     assert remarks == [
-        f"{whole} 900 to 1900, 0 to 1900 µs, according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        f"{phrase} 900 to 1900, 0 to 1900 µs, according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
     ]
     # If one of the outputs is missing, the motor commands are unknown.
-    few = {name: values for name, values in data.items() if name != "output[2]"}
-    assert with_motor_pulses(few, {}) == (few, [])
+    incomplete = {name: values for name, values in data.items() if name != "output[2]"}
+    assert with_motor_pulses(incomplete, {}) == (incomplete, [])

@@ -27,8 +27,8 @@ def scenario(diagrams):
 def tumbles():
     """Return twelve tumbling motions in still air, with rotor speeds equal to the commands."""
     found = random_tumbles(12, seed=8)
-    alike = np.tile(COMMAND, (12, 1))
-    return found._replace(speeds=alike, commands=alike, winds=np.zeros((12, 3)))
+    speeds = np.tile(COMMAND, (12, 1))
+    return found._replace(speeds=speeds, commands=speeds, winds=np.zeros((12, 3)))
 
 
 @pytest.fixture(scope="module")

@@ -173,15 +173,15 @@ def test_drawn_samples_have_the_covariance_of_the_estimates(estimates, vehicle):
     found = np.cov([batch[scenario_path(name)] for name in names]) / np.outer(part.deviations, part.deviations)
     np.testing.assert_allclose(found, wider * part.correlation, atol=0.03)
     low, high = part.intervals().T
-    for name, least, most in zip(names, low, high, strict=True):
+    for name, lower, upper in zip(names, low, high, strict=True):
         drawn = batch[scenario_path(name)]
-        assert np.mean((drawn > least) & (drawn < most)) == pytest.approx(0.95, abs=0.006)
+        assert np.mean((drawn > lower) & (drawn < upper)) == pytest.approx(0.95, abs=0.006)
 
 
 def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
     """The controller keeps the nominal parameters with which it flew the log by default."""
-    own = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
-    assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=own)
+    motor_fields = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
+    assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=motor_fields)
     assert nominal.nominal.mass == pytest.approx(0.03345)
     assert nominal.nominal.inertia == pytest.approx((1.7e-5, 1.6e-5, 2.98e-5))
     assert nominal.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
@@ -195,14 +195,12 @@ def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
 
 def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
     """Otherwise, the nominal curve has the largest thrust of the base vehicle's motors, which take rotor speeds."""
-    found = estimates_of(
-        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
-    )
-    sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
-    nominal = load_undesigned(write_vehicle(tmp_path / "old.yaml", "old", found, base=sheet)).nominal
+    found = estimates_of({f"motors.curve[{i}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{i}]"] for i in range(3)})
+    data_sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    nominal = load_undesigned(write_vehicle(tmp_path / "old.yaml", "old", found, base=data_sheet)).nominal
     full = nominal.thrust_factor * nominal.max_rotor_speed**2
     assert nominal.motors.curve == pytest.approx((0.0, 0.0, full), rel=1e-3)
-    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet, nominal=True)
+    written = write_vehicle(tmp_path / "new.yaml", "new", found, base=data_sheet, nominal=True)
     vehicle = load_undesigned(written)
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
     # A list without comments is on one line.
@@ -224,9 +222,7 @@ def test_a_vehicle_with_rotor_speed_motors_gets_throttle_motors_with_the_estimat
 
 
 def test_a_thrust_curve_is_written_with_its_voltage(base, tmp_path):
-    found = estimates_of(
-        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
-    )
+    found = estimates_of({f"motors.curve[{i}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{i}]"] for i in range(3)})
     written = write_vehicle(tmp_path / "new.yml", "new", found, base=f"{base}:crazyflie_onboard", voltage=3.85)
     motors = load_undesigned(written).vehicle.motors
     assert (motors.kind, motors.voltage) == ("throttle", 3.85)
@@ -265,12 +261,10 @@ def test_rotor_time_constants_of_both_directions_are_written(base, tmp_path):
 
 
 def test_the_rotor_speed_limit_of_the_base_scenario_does_not_limit_the_thrust_curve(base, tmp_path):
-    own = tmp_path / "own.yaml"
-    own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
-    found = estimates_of(
-        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
-    )
-    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=own)).vehicle
+    base_file = tmp_path / "own.yaml"
+    base_file.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
+    found = estimates_of({f"motors.curve[{i}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{i}]"] for i in range(3)})
+    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=base_file)).vehicle
     assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
@@ -353,7 +347,7 @@ def test_a_study_draws_samples_from_the_distributions_in_a_vehicle_file(loop, ve
     assert (study.failures, study.metrics.crashed.any()) == ({}, np.False_)
     assert set(study.parameters) == set(distributions_in(vehicle))
     # The errors of the curve's coefficients are correlated, so the thrust of hover has a small error.
-    curve = np.array([study.parameters[f"vehicle.motors.curve.{place}"] for place in range(3)])
+    curve = np.array([study.parameters[f"vehicle.motors.curve.{i}"] for i in range(3)])
     assert np.corrcoef(curve[1:])[0, 1] < -0.95
 
 
@@ -382,14 +376,14 @@ def test_an_estimated_attitude_response_replaces_the_autopilot_of_the_base_scena
 def test_an_attitude_response_replaces_the_attitude_controller_of_a_laboratory(root, tmp_path):
     """Only the acceleration of the reference can be fed forward to an attitude response."""
     found = {f"autopilot.{name}[{i}]": (9.0, 0.2) for name in ("natural_frequency", "damping") for i in range(3)}
-    own = tmp_path / "own.yaml"
-    write_vehicle(own, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
+    vehicle_file = tmp_path / "own.yaml"
+    write_vehicle(vehicle_file, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
     laboratory = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
     gains = [root / "diagrams" / "gains" / "laboratory.yaml"]
     control = load_scenario(laboratory, layers=gains).control
     assert control.attitude is not None
     assert control.position.feed_forward == "snap"
-    with_response = load_scenario(laboratory, layers=[*gains, own]).control
+    with_response = load_scenario(laboratory, layers=[*gains, vehicle_file]).control
     assert with_response.attitude is None
     assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
 
@@ -411,12 +405,12 @@ def test_the_damping_of_the_base_scenario_is_kept_if_only_the_natural_frequency_
 
 def test_distributions_of_the_initial_vehicle_are_kept(base, tmp_path):
     """The distributions of list items that were not estimated are kept."""
-    own = tmp_path / "own.yaml"
-    own.write_text(
+    base_file = tmp_path / "own.yaml"
+    base_file.write_text(
         f"own: {{extends: {base}, vehicle: {{inertia: [1.7e-5, 1.7e-5, {{uniform: {{min: 2e-5, max: 4e-5}}}}]}}}}"
     )
     found = estimates_of({"inertia[1]": (1.6e-5, 1e-6)})
-    scenario = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=own))
+    scenario = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=base_file))
     drawn = distributions_in(scenario)
     assert set(drawn) == {"vehicle.inertia.1", "vehicle.inertia.2"}
     assert tuple(drawn["vehicle.inertia.2"].extremes()) == (2e-5, 4e-5)
@@ -470,15 +464,15 @@ def test_comments_have_the_indentation_of_their_fields(written):
     """Each mapping or list adds two columns of indentation; an item follows its dash after one space."""
     lines = written.read_text().splitlines()
     inside = lines[next(i for i, line in enumerate(lines) if not line.startswith("#")) :]
-    kinds = set()
+    first_characters = set()
     for line, following in itertools.pairwise(inside):
         text = line.lstrip()
         if text.startswith("#"):
             assert len(line) - len(text) == len(following) - len(following.lstrip())
-            kinds.add(following.lstrip()[0] if following.lstrip()[0] in "#-" else "key")
+            first_characters.add(following.lstrip()[0] if following.lstrip()[0] in "#-" else "key")
         assert (len(line) - len(text)) % 2 == 0
         assert not text.startswith("-  ")
-    assert kinds >= {"key", "-"}
+    assert first_characters >= {"key", "-"}
 
 
 def test_overrides_are_written_unless_they_set_an_identified_parameter():
@@ -505,9 +499,7 @@ def test_overrides_are_written_unless_they_set_an_identified_parameter():
 
 def test_overrides_are_written_to_the_file_and_used_for_the_full_thrust_of_nominal_motors(root, tmp_path):
     given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
-    found = estimates_of(
-        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
-    )
+    found = estimates_of({f"motors.curve[{i}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{i}]"] for i in range(3)})
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, overrides=given)
     scenario = load_undesigned(path)
@@ -518,16 +510,17 @@ def test_overrides_are_written_to_the_file_and_used_for_the_full_thrust_of_nomin
 
 
 @pytest.mark.parametrize(
-    ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
+    ("value", "written", "has_comment"),
+    [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)],
 )
-def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, written, said):
+def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, written, has_comment):
     """A comment is written if the value exceeds the limit by more than its standard deviation."""
     estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
     number = vehicle_file._values(estimates, "v")["linear_drag"]
     assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
     remark = "; the estimate is outside the range of the scenario language, so the limit of the range is written"
-    assert comment.endswith(remark) == said
+    assert comment.endswith(remark) == has_comment
 
 
 @pytest.mark.parametrize(

@@ -104,9 +104,9 @@ def test_multipath_jumps_at_random_and_is_constant_between_jumps():
     """The number of jumps is binomial with the probability 1 - exp(-h / T)."""
     parameters = parameters_of("gnss", multipath=[2.0, 2.0, 3.0], multipath_time=0.5, period=0.1)
     errors = series(GNSS, parameters, lambda k: (HOVER,), 101, 300, seed=1)[:, 0]
-    share, n = np.mean(np.diff(errors, axis=0) != 0.0), 100 * 300
+    fraction, n = np.mean(np.diff(errors, axis=0) != 0.0), 100 * 300
     probability = 1.0 - np.exp(-0.2)
-    assert share == pytest.approx(probability, abs=4.0 * np.sqrt(probability / n))
+    assert fraction == pytest.approx(probability, abs=4.0 * np.sqrt(probability / n))
     assert errors[-1].std() == pytest.approx(2.0, rel=0.2)
 
 
@@ -224,8 +224,8 @@ def test_outliers_of_a_range_sensor_are_too_long_and_have_the_given_probability(
     """The mean error of an outlier is √(2/π) times `outlier_size`. Other readings are exact."""
     parameters = parameters_of("uwb_range", outlier_rate=0.05, outlier_size=0.6)
     errors = series(UWB_RANGE, parameters, lambda k: (HOVER,), 20, 2000, seed=5) - 1.5
-    share, n = np.mean(errors > 0.0), errors.size
-    assert share == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 / n))
+    fraction, n = np.mean(errors > 0.0), errors.size
+    assert fraction == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 / n))
     assert errors.min() == 0.0
     assert errors[errors > 0.0].mean() == pytest.approx(0.6 * np.sqrt(2.0 / np.pi), rel=0.1)
     certain = parameters_of("uwb_range", outlier_rate=1.0, outlier_size=0.6)
