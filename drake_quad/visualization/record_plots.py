@@ -11,7 +11,7 @@ from drake_quad.identification.logs.timing import gaps
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 
-# Samples are left out of a log with more samples, since a figure is only about a thousand pixels wide.
+# A log with more samples is thinned out, since a figure is only about a thousand pixels wide.
 _MAX_SAMPLES = 20_000
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_quad.files import write_atomically
 
-# Matplotlib takes half a second to import, which modules that need only a colour or a `Vector` should not do.
+# Matplotlib takes half a second to import, but some modules need only a colour or the type `Vector` from this module.
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
