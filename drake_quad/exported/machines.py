@@ -25,7 +25,7 @@ COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Options with which a C compiler keeps the order and rounding of all operations."""
 _COMPILERS = ("cc", "gcc", "clang")
 _MAX_MESSAGE_LENGTH = 500  # largest number of characters of a compiler message that an error shows
-# C code that is compiled together with exported code, to compare the layout of its structs with the description.
+# C code that is compiled together with exported code, to compare the sizes of its structs with the description.
 _SIZES_CODE = """\
 #include "{name}.h"
 const unsigned long struct_sizes[4] = {{

@@ -22,7 +22,7 @@ class LoopTerms(Model):
     integral_fade: Annotated[Positive | None, needs("k_i")] = Field(
         default=None,
         description="e₀: the integrand is multiplied by 1 - (e / e₀)², and is 0 for errors e larger than e₀"
-        " (unit of the error); no such factor if not given",
+        " (unit of the error); no factor if not given",
     )
     integration: Annotated[IntegrationRule, needs("k_i")] = "forward_euler"
     k_d: Gains | None = Field(
@@ -43,7 +43,7 @@ class LoopTerms(Model):
 
     @property
     def integrates_first(self) -> bool:
-        """True if the integral in a tick's output already includes the error of that tick."""
+        """True if the integral in the output of a tick already includes the error of the same tick."""
         return self.integration == "backward_euler"
 
     def terms(self, period: float) -> tuple[Terms, Terms, Terms]:

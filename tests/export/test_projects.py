@@ -483,7 +483,7 @@ SINGLE_PRECISION_PROJECTS = ["crazyflie", "px4", "arduino"]
 @pytest.mark.parametrize(
     ("projects", "changes", "message"),
     [
-        (["crazyflie"], {"name": "controller"}, "name controller is taken by a header of the firmware"),
+        (["crazyflie"], {"name": "controller"}, "cannot use the name controller, since a header"),
         (SINGLE_PRECISION_PROJECTS, {"precision": "double"}, "needs --precision single"),
         (["crazyflie"], {"outputs": {"attitude_target": 7}}, "commands wrench, not attitude_target"),
         (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),

@@ -168,7 +168,7 @@ def test_circles_and_lissajous_figures_have_several_laps_and_other_routes_have_o
         ("laps: 2, waypoints: [[0, 0, 1], [1, 0, 1]]", "laps is 2, but must be 1, since the route does not end"),
         (
             f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {LAP_WAYPOINTS_YAML}",
-            "space .*must be left out: it cannot be",
+            "space .*must be left out, since it cannot be",
         ),
         (
             f"laps: 2, times: {{kind: minimum_snap, duration: 9}}, {LAP_WAYPOINTS_YAML}",
@@ -218,7 +218,9 @@ def test_the_error_for_lap_times_that_violate_a_limit_gives_the_necessary_factor
     if fits:
         assert plan_route(route(diagrams, limited)).lap_times[-1] == pytest.approx(37.0)
     else:
-        with pytest.raises(InputError, match=r"multiply route\.times by 1\.2: with laps, the path exceeds its limits"):
+        with pytest.raises(
+            InputError, match=r"the path through all laps exceeds its limits; multiply route\.times by 1\.2"
+        ):
             plan_route(route(diagrams, limited))
 
 

@@ -168,7 +168,7 @@ def test_correlated_groups_include_indirect_correlations(study):
         ("{a: 0.8, b: 0.7}", "shared is {'a': 0.8, 'b': 0.7}, but must have correlations whose squares sum to at most"),
         ("{a: 1.1}", "shared.a is 1.1, but must be less than or equal to 1"),
         ("{a: heavy}", "shared.a is 'heavy', but must be a valid number"),
-        ("{my drone: 0.1}", "must not have the name 'my drone': the name of a shared variable has at most 60 letters"),
+        ("{my drone: 0.1}", "must not have the name 'my drone'; the name of a shared variable must consist of at most"),
         ("[a]", "is ['a'], but must be a mapping from names to numbers"),
     ],
 )

@@ -169,7 +169,7 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("  name: a/b", "6: name is 'a/b', but must match"),
         ("  vehicle: !!python/object:os.system {}", "6: the tag .* is not allowed"),
         ("  vehicle: &v {mass: *v}", r"6: is not YAML: the alias \*v must come after the value with its anchor"),
-        ("  3: 4", "6: a field's name must be text"),
+        ("  3: 4", "6: the name of a field must be text"),
         ("  vehicle: {mass: 0.7", "is not YAML"),
         ("\t- x", "is not YAML"),
     ],
@@ -534,7 +534,7 @@ def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nom
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], heading: waypoints}",
-            r"2: route.heading is 'waypoints', but requires a yaw",
+            r"2: route.heading is 'waypoints', but must not be `waypoints`, since no waypoint has a yaw",
         ),
         ("{kind: waypoints, waypoints: [[0, 0], [0, 0, 1]]}", r"2: route.waypoints.0.2 is missing"),
         ("{kind: waypoints, waypoints: [{box: {}}, [0, 0, 1]]}", r"2: route.waypoints.0.box.min is missing"),

@@ -840,7 +840,7 @@ def test_errors_name_the_invalid_field_of_a_policy():
         ({"scenario": "onboard", "more": ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]}, "must be left out"),
         (
             {"scenario": "onboard", "action": "{kind: rates, k_rate: [9, 9, 9]}"},
-            "control.action.k_rate .*must be left out, or null: laboratory.autopilot of kind attitude has its own",
+            "control.action.k_rate .*must be left out, or null, since laboratory.autopilot of kind attitude has its own",
         ),
         (
             {"action": "{kind: rates, k_rate: [9, 9, 9]}"},

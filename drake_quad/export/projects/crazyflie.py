@@ -25,8 +25,8 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     description = code.description
     if description.name in _FIRMWARE_HEADERS:
         raise InputError(
-            f"project crazyflie: the name {description.name} is taken by a header of the firmware; choose another name"
-            " with --name"
+            f"project crazyflie cannot use the name {description.name}, since a header of the firmware has this name;"
+            " choose another name with --name"
         )
     check_command("crazyflie", description, ["wrench"])
     check_inputs("crazyflie", description)
