@@ -177,7 +177,7 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> int:
-        """Return the index of an operation in the listing, and append a new operation; arguments as in `Operation`."""
+        """Return the line number of an operation, which is appended if it is new; arguments as in `Operation`."""
         key = name, operands, kind, inside
         line = self._lines.get(key)
         if line is None:
@@ -194,7 +194,7 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> "Symbol":
-        """Return the symbol of an operation in the listing, and append a new operation; arguments as in `Operation`."""
+        """Return the symbol of an operation, which is appended if it is new; arguments as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
 
     def digest(self) -> str:

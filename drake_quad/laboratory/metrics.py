@@ -112,10 +112,10 @@ def add_tick(
         flies: True if the vehicle has not crashed.
         counts: True if the tick is in the metric window.
     """
-    known, counts = {**values, "ticks": sums.ticks}, flies & counts
+    values_by_name, counts = {**values, "ticks": sums.ticks}, flies & counts
     records = []
     for accumulator, record in zip(accumulators, sums.records, strict=True):
-        arguments = [known[name] for name in accumulator.arguments]
+        arguments = [values_by_name[name] for name in accumulator.arguments]
         after = accumulator.add(record, *arguments, **dict(accumulator.constants))
         records.append(where(flies if accumulator.whole_flight else counts, after, record))
     return Sums(where(counts, sums.ticks + 1.0, sums.ticks), tuple(records))
@@ -429,13 +429,13 @@ def compute_metrics(
     Raises:
         InputError: if a metric is outside the range that its definition states.
     """
-    known = [
+    computable = [
         name
         for name, metric in metric_definitions(kind).items()
         if metric.accumulator is not None and (connected is None or all(map(connected, metric.signals)))
     ]
-    unknown = dict.fromkeys(metric_definitions(kind), np.full_like(crash_time, np.nan))
-    return kind(**{**unknown, **metric_values(known, sums, period, kind)}, crash_time=crash_time)
+    undefined = dict.fromkeys(metric_definitions(kind), np.full_like(crash_time, np.nan))
+    return kind(**{**undefined, **metric_values(computable, sums, period, kind)}, crash_time=crash_time)
 
 
 def metric_values(names: Iterable[str], sums: Sums, period: float, kind: type[Metrics]) -> dict[str, np.ndarray]:

@@ -1,5 +1,7 @@
 """Motion capture: measurements of the vehicles' states at the ground station.
 
+Equation numbers refer to Kayacan and Maslim (2016).
+
 The cameras take a frame at an initialization event and at every multiple of the period. Other discrete updates at the
 instant of a frame still use the previous frame. A simulator that continues a flight must suppress initialization
 events, which reset the filters. In the diagram, ○ is the previous frame and ● is the new one:
@@ -346,7 +348,7 @@ class MotionCapture(FleetSystem):
 
     Args:
         num_vehicles: number N of vehicles.
-        period: frame period h, s; the paper's cameras run at 100 Hz.
+        period: frame period h, s; 0.01 s in Kayacan and Maslim (2016).
         noisy: True for measurements with noise.
         loses_frames: True if frames can be lost.
         reports_losses: True for the output port `measurement_valid`; only used if frames can be lost.

@@ -27,8 +27,8 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
             ends in motion and the vehicle cannot brake afterwards.
     """
     shortest_period, tick = min(scenario.periods.values()), scenario.laboratory.command_link.period
-    wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
-    duration = _whole_ticks(wanted, scenario)
+    requested = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
+    duration = _whole_ticks(requested, scenario)
     if duration > MAX_TICKS * shortest_period + tick:
         raise InputError(
             f"the flight would take {duration:g} s, but must take at most {MAX_TICKS * shortest_period:g} s, which is"

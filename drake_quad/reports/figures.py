@@ -11,7 +11,7 @@ from PIL import Image
 
 from drake_quad.visualization.panels import new_panels
 
-# Width of a column in the journal that published the paper, inches.
+# Width of a column in the journal in which Kayacan and Maslim (2016) was published, inches.
 COLUMN = 3.5
 _DOTS_PER_INCH = 220  # resolution of a PNG file
 _NUM_COLOURS = 128  # size of the palette of a PNG file

@@ -59,7 +59,7 @@ def write_figures(
         figures: figures by name, which are drawn one after another.
         folder: folder of the report.
         vector: format of additional vector graphics; None for no vector graphics.
-        progress: called after each figure.
+        progress: function that is called after each figure.
     """
     target, names = output_folder(folder / _FIGURES_FOLDER), []
     for name, figure in figures:

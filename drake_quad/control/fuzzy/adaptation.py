@@ -1,4 +1,4 @@
-"""Adaptation of the membership functions, which Kayacan and Maslim (2016) name as future work.
+"""Adaptation of the membership functions, which Kayacan and Maslim (2016), "the paper" below, name as future work.
 
 The weights F descend the gradient of the cost s² / 2, where s is the learning signal and ∂τ_f/∂F = W. A larger
 correction τ_f increases s; the positive gain from τ_f to s is part of the learning rate. Any other parameter θ of the
@@ -101,41 +101,53 @@ def _family_output(
     values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weights: Sequence[Row]
 ) -> _FamilyOutput:
     distances = [sets.distances(value) for value, sets in zip(values, inputs, strict=True)]
-    grades = [[elliptic_membership(u, exponent) for u in each] for each in distances]
-    factors = [1.0 / total(each) for each in grades]
-    fractions = [[factor * grade for grade in each] for factor, each in zip(factors, grades, strict=True)]
-    choices = itertools.product(*fractions)
-    output = total([math.prod(choice, start=weight) for weight, choice in zip(weights, choices, strict=True)])
+    grades = [[elliptic_membership(u, exponent) for u in row] for row in distances]
+    inverse_sums = [1.0 / total(row) for row in grades]
+    normalised_grades = [
+        [inverse_sum * grade for grade in row] for inverse_sum, row in zip(inverse_sums, grades, strict=True)
+    ]
+    grades_of_rules = itertools.product(*normalised_grades)
+    output = total([math.prod(row, start=weight) for weight, row in zip(weights, grades_of_rules, strict=True)])
     set_derivatives, exponent_derivatives = [], []
-    for k, (sets, each, factor) in enumerate(zip(inputs, distances, factors, strict=True)):
-        outputs = _outputs_of_single_sets(weights, fractions, k)
-        derivatives = [(single - output) * factor for single in outputs]
-        pairs = [membership_derivatives(u, exponent) for u in each]
-        by_distance = [
-            derivative * factor_of_set for derivative, (factor_of_set, _) in zip(derivatives, pairs, strict=True)
+    for k, (sets, row, inverse_sum) in enumerate(zip(inputs, distances, inverse_sums, strict=True)):
+        outputs = _outputs_of_single_sets(weights, normalised_grades, k)
+        grade_derivatives = [(single - output) * inverse_sum for single in outputs]
+        slopes = [membership_derivatives(u, exponent) for u in row]
+        distance_derivatives = [
+            derivative * by_distance for derivative, (by_distance, _) in zip(grade_derivatives, slopes, strict=True)
         ]
-        signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in each]
+        signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in row]
         set_derivatives.append(
             type(sets)(
                 0.0,
-                tuple([-by * sign / d for by, sign, d in zip(by_distance, signs, sets.widths, strict=True)]),
-                tuple([-by * abs(u) / d for by, u, d in zip(by_distance, each, sets.widths, strict=True)]),
+                tuple(
+                    [
+                        -derivative * sign / d
+                        for derivative, sign, d in zip(distance_derivatives, signs, sets.widths, strict=True)
+                    ]
+                ),
+                tuple(
+                    [
+                        -derivative * abs(u) / d
+                        for derivative, u, d in zip(distance_derivatives, row, sets.widths, strict=True)
+                    ]
+                ),
             )
         )
         exponent_derivatives += [
-            derivative * factor_of_set for derivative, (_, factor_of_set) in zip(derivatives, pairs, strict=True)
+            derivative * by_exponent for derivative, (_, by_exponent) in zip(grade_derivatives, slopes, strict=True)
         ]
     return _FamilyOutput(output, set_derivatives, total(exponent_derivatives))
 
 
-def _outputs_of_single_sets(weights: Sequence[Row], fractions: Sequence[Sequence[Row]], k: int) -> list[Row]:
+def _outputs_of_single_sets(weights: Sequence[Row], normalised_grades: Sequence[Sequence[Row]], k: int) -> list[Row]:
     """Return M_ki for each set i of input k, the output of only those rules that contain this set."""
-    indices = itertools.product(*(range(len(each)) for each in fractions))
-    of_sets: list[list[Row]] = [[] for _ in fractions[k]]
-    for index, weight, choice in zip(indices, weights, itertools.product(*fractions), strict=True):
-        of_others = [fraction for other, fraction in enumerate(choice) if other != k]
-        of_sets[index[k]].append(math.prod(of_others, start=weight))
-    return [total(each) for each in of_sets]
+    indices = itertools.product(*(range(len(row)) for row in normalised_grades))
+    terms_of_sets: list[list[Row]] = [[] for _ in normalised_grades[k]]
+    for index, weight, rule_grades in zip(indices, weights, itertools.product(*normalised_grades), strict=True):
+        other_grades = [grade for number, grade in enumerate(rule_grades) if number != k]
+        terms_of_sets[index[k]].append(math.prod(other_grades, start=weight))
+    return [total(terms) for terms in terms_of_sets]
 
 
 def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Sequence[Row]) -> Antecedents:

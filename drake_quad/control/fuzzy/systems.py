@@ -1,4 +1,4 @@
-"""The fuzzy network as Drake systems."""
+"""The fuzzy network as Drake systems. Equation numbers refer to Kayacan and Maslim (2016)."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -34,7 +34,8 @@ import scipy
 
 from drake_quad.signals import Row
 
-# The fields of a chain are its states, in units of metres and seconds. The class of a chain identifies its model.
+# A chain is the state of the model on one axis: the chain of integrators from the command to the position, and the
+# disturbances. All units are metres and seconds. The class of a chain identifies its model.
 
 
 class TorqueChain(NamedTuple):

@@ -69,8 +69,8 @@ def step_cascade(
     target, after = law(m, r, parameters, memory, num_ticks * tick, rules)
     if held is None or held.ticks is None or held.target is None:
         return target, CascadeState(None, None, after)
-    due = held.ticks < 0.5
-    target, after = where(due, (target, after), (held.target, memory))
+    is_due = held.ticks < 0.5
+    target, after = where(is_due, (target, after), (held.target, memory))
     if tilts:
         target = target._replace(yaw=r.yaw)
     ticks = where(held.ticks > num_ticks - 1.5, 0.0, held.ticks + 1.0)
