@@ -99,7 +99,7 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
     with pytest.raises(
-        InputError, match=f"{vehicle.name} has no nominal.motors; add nominal.motors with a thrust curve"
+        InputError, match=f"{vehicle.name} has no nominal.motors; add nominal.motors with a"
     ):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
@@ -133,7 +133,7 @@ def test_a_logged_torque_is_ignored_if_the_vehicle_has_an_attitude_response(resp
 
 
 @pytest.mark.parametrize(
-    ("left_out", "words"),
+    ("left_out", "message"),
     [
         (
             ("rotor_speed_command", "torque_command"),
@@ -142,9 +142,9 @@ def test_a_logged_torque_is_ignored_if_the_vehicle_has_an_attitude_response(resp
         (("rotor_speed_command", "thrust_command"), "but the log contains torque_command, wind$"),
     ],
 )
-def test_a_log_without_commands_is_refused(flight, record, left_out, words):
+def test_a_log_without_commands_is_refused(flight, record, left_out, message):
     without = replace(record, **dict.fromkeys(left_out))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         with_commands(without, flight.scenario, flight.scenario)
     motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
     with pytest.raises(InputError, match="the log has speeds|the log has throttles"):
