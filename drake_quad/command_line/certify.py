@@ -1,9 +1,9 @@
 """Certify how far all random parameters of a scenario may vary at once before hover becomes unstable.
 
 The ranges of all distributions are multiplied by a scale about their centres. The command prints two scales. Below the
-first scale, every combination of parameters is stable, by the structured singular value of the exact sampled loop. At
-the second scale, the command has found an unstable loop. Combinations whose loop has no equilibrium, because a command
-or the rotors saturate in hover, are reported separately.
+first scale, every combination of parameters is proved to be stable; the proof uses the structured singular value of the
+exact sampled-data loop. At the second scale, the command has found an unstable loop. Combinations whose loop has no
+equilibrium, because a command or the rotors saturate in hover, are reported separately.
 """
 
 import argparse

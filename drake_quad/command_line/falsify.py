@@ -1,8 +1,8 @@
 """Search for the worst case of a scenario, and compare it with the nominal flight.
 
 The evolution strategy CMA-ES varies the random parameters within some standard deviations, and searches for the worst
-value of a metric. The metric can be the robustness of a requirement, which has the requirement's name and is negative
-if the requirement is violated.
+value of a metric. To search for a violation of a requirement, give the name of the requirement to --minimize. The
+search then minimises its robustness, which is negative if the requirement is violated.
 """
 
 import argparse
