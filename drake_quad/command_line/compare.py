@@ -80,8 +80,8 @@ def main(arguments: argparse.Namespace) -> None:
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(
-        f"mean ± standard deviation over {samples} samples; the last column is the mean RMSE relative to the first"
-        " controller, with its 95 % interval"
+        f"mean ± standard deviation over {samples} samples; the relative RMSE is the ratio of the mean RMSE to"
+        " that of the first controller, with its 95 % interval"
     )
     replicates = {
         laboratory: sample_replicates(next(iter(scenarios.values())), range(samples))

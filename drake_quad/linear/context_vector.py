@@ -38,7 +38,7 @@ class ContextVector:
 
     An element's name consists of the path of its system and the names of the state group (or parameter) and of the
     component, as in `laboratory.vehicle.state.pitch`. The layout is the same for all scalar types of the diagram. State
-    groups with `is_scheduled` are left out.
+    groups that are declared with `is_scheduled` are left out (see `StateGroup`).
 
     Args:
         diagram: diagram to which the contexts belong.
@@ -119,7 +119,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
 
 
 def scheduled_groups(system: Any) -> list[int]:
-    """Return the indices of the discrete state groups of a leaf system that linear models leave out."""
+    """Return the indices of the discrete state groups with `is_scheduled`, which linear models leave out."""
     states = system.states.values() if isinstance(system, FleetSystem) else ()
     return [int(group.index) for group in states if group.index is not None and group.is_scheduled]
 

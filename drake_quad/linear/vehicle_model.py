@@ -33,12 +33,13 @@ from drake_quad.vehicle.slung_load import HANGING, rod_from_swing
 if TYPE_CHECKING:
     import control
 
-_NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
+_NUM_ROTORS = len(RotorSpeed._fields)
+_NUM_WIND_COMPONENTS = len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
 # Additional states of a vehicle with a slung load.
 SWING_STATES = tuple(port_rows("swing", len(HANGING)))
-INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
+INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND_COMPONENTS))
 # Largest remaining acceleration at an operating point, m/s² or rad/s².
 _TRIM_TOLERANCE = 1e-9
 _MAX_TRIM_TILT = 1.4  # rad, largest roll and pitch of an operating point
@@ -184,7 +185,7 @@ def _diagram_at(
     vehicle = builder.AddNamedSystem(
         "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, parameters=config)
     )
-    inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND]))
+    inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND_COMPONENTS]))
     for i, name in enumerate(("rotor_speed_command", "wind")):
         builder.Connect(inputs.get_output_port(i), vehicle.GetInputPort(name))
     builder.ExportInput(inputs.get_input_port(), "inputs")

@@ -17,16 +17,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # These colours are distinguishable in all types of colour vision (M. Okabe and K. Ito, "Color universal design", 2008).
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
+BLACK = "#000000"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+YELLOW = "#F0E442"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
 REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.2}
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
 # Background that keeps a text legible if it crosses a line.

@@ -18,7 +18,7 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
-# Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn in full size. The
+# Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn at full size. The
 # value is that of the vehicle of Kayacan and Maslim (2016). The parts of smaller vehicles are scaled down.
 _FULL_SIZE_ROTOR_DISTANCE = 0.17
 # Radius of an 8-inch propeller, m, as on the vehicle of Kayacan and Maslim (2016). Smaller propellers are drawn if
