@@ -234,7 +234,7 @@ def predict_held_out(records: list[FlightRecord], identification: Identification
 
 
 def print_logs(records: list[FlightRecord]) -> None:
-    """Print the duration, the sampling rate, the origins of the signals and the remarks of each log."""
+    """Print the duration, the sampling rate, the origin of each signal, and the remarks, for each log."""
     for record in records:
         seconds = record.time[-1] - record.time[0]
         print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")

@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
             super()._print_message(message, file)
 
     def _is_option(self, argument: str) -> bool:
-        """Return whether an argument is an option or the beginning of one."""
+        """Return whether an argument is an option or an abbreviated option."""
         name = argument.partition("=")[0]
         return any(option.startswith(name) for option in self._option_string_actions)
 

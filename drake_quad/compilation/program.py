@@ -193,7 +193,8 @@ class Program:
 
         An event starts with the discrete updates at an instant and ends just before the discrete updates at a later
         instant. A cycle consists of several events if external inputs are read more than once, or if a single event
-        would exceed `max_instants` instants. The result is None if events cannot simulate whole instants.
+        would exceed `max_instants` instants. The result is None if an unrestricted update takes place at time zero, or
+        reads an external input.
 
         Args:
             recorded: ports that are logged every `max_instants` instants, from the first instant on.

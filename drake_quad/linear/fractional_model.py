@@ -71,7 +71,7 @@ class FractionalModel(NamedTuple):
 
         Args:
             tolerance: relative accuracy.
-            stop: the search ends at a bound of at most this value.
+            stop: the search ends as soon as the bound is at most this value.
             limit: largest bound of interest; if the bound is larger, the result is infinite.
 
         Raises:

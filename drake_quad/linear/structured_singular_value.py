@@ -83,7 +83,7 @@ def mu_bound(
         matrix: (r, r) matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy with which the bound is minimised.
-        stop: the minimisation ends at a bound of at most this value.
+        stop: the minimisation ends as soon as the bound is at most this value.
         starts: bounds of similar matrices. The search starts from those scalings that prove the smallest bound.
 
     Raises:
@@ -142,7 +142,7 @@ def _value(square: float) -> float:
 
 
 class _Terms(NamedTuple):
-    """Terms of a basis of Hermitian matrices: each element of the basis is a sum of c E + (c E)ᴴ.
+    """Terms of a basis of Hermitian matrices: each element of the basis is a sum of terms c E + (c E)ᴴ.
 
     A matrix E has a single entry 1 at (i, j). Derivatives of log det then need products of numbers instead of matrices.
 
@@ -330,8 +330,8 @@ def peak_mu_bound(
         D: (r, r) feedthrough matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy.
-        stop: the minimisation at a frequency ends at a bound of at most this value.
-        limit: largest bound of interest; the bound is infinite as soon as a larger one is found at a frequency.
+        stop: the minimisation at a frequency ends as soon as the bound is at most this value.
+        limit: largest bound of interest; if the bound is larger at any frequency, the result is infinite.
 
     Raises:
         ArithmeticError: if the bound cannot be proved between some frequencies, because a pole is on the unit circle.

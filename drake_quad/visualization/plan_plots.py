@@ -53,7 +53,7 @@ def plot_plan(
         parameters: parameters of the vehicle, which determine the rotor speeds.
         limits: limits on speed and acceleration; None for no limits.
         regions: regions that the path must pass through.
-        corridors: box or polytope that each segment must stay in, or None for a free segment.
+        corridors: for each segment, the box or polytope in which it must stay; None for a segment without a corridor.
         waypoints: indices of the waypoints to draw and number, (n,); None for all.
         space: space with the obstacles; None for no obstacles.
     """
