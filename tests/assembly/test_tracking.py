@@ -312,8 +312,8 @@ def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delays_of_c
         # The roll jumps 5 ms before the frame at `start`.
         start = 0.01 * step
         simulator.AdvanceTo(start - 0.005)
-        own = vehicle.GetMyMutableContextFromRoot(context)
-        vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(roll=0.1))
+        vehicle_context = vehicle.GetMyMutableContextFromRoot(context)
+        vehicle.set_state(vehicle_context, "state", vehicle.get_state(vehicle_context, "state")._replace(roll=0.1))
         time = start
         while np.ptp(diagram.GetOutputPort("rotor_speed_command").Eval(context)) < 1e-3:
             simulator.AdvanceTo(time)
@@ -357,10 +357,10 @@ def test_the_closed_loop_supports_automatic_differentiation(figure_eight, overri
 
     def set_gain(diagram, context, k_p):
         law = subsystem(diagram, ("control", "position", "pd"))
-        own = law.GetMyMutableContextFromRoot(context)
-        gains = law.get_parameter(own, "gains")
+        law_context = law.GetMyMutableContextFromRoot(context)
+        gains = law.get_parameter(law_context, "gains")
         x = k_p if n == 1 else np.array([k_p, *gains.k_p.x[1:]])
-        law.set_parameter(own, "gains", gains._replace(k_p=gains.k_p._replace(x=x)))
+        law.set_parameter(law_context, "gains", gains._replace(k_p=gains.k_p._replace(x=x)))
 
     def final_state(k_p):
         simulator = Simulator(diagram)

@@ -111,10 +111,10 @@ def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch,
 def test_the_integral_gains_of_a_pid_are_designed(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [1, 1, 1]}"
-    for number, (more, integral) in enumerate(
+    for number, (options, integral) in enumerate(
         ((["--integral", 0.25], 0.25), (["--set", pid], 0.15), (["--set", pid, "--integral", 0.5], 0.5))
     ):
-        assert run("design", "hover", *more, "--output", tmp_path).returncode == 0
+        assert run("design", "hover", *options, "--output", tmp_path).returncode == 0
         (scenario, _), named = designed["design_cascade"][number]
         assert (scenario.control.position.kind, named["integral"]) == ("pid", integral)
         saved = load_scenario(tmp_path / "scenario.yaml").control.position
@@ -148,9 +148,9 @@ def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides,
 @pytest.mark.parametrize("scenario", ["onboard", "hover"])
 def test_a_remark_suggests_lqr_if_a_slow_pole_on_board_limits_a_loop(scenario):
     limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
-    design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
+    design = CascadeDesign({axis: SimpleNamespace(limits=axis_limits) for axis, axis_limits in limits.items()})
     remarks = design_remarks(design, load_scenario(scenario))
-    assert [sentence.partition(", and not")[0] for sentence in remarks] == (
+    assert [sentence.partition(", rather than")[0] for sentence in remarks] == (
         ["a slow pole of the loops on board limits x, y"] if scenario == "onboard" else []
     )
     assert all("--method lqr" in sentence for sentence in remarks)
@@ -342,10 +342,10 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert all((log.wind == [1.0, 0.0, 0.0]).all() for log in logs)
     assert (base.nominal.mass, base.vehicle.linear_drag) == (0.55, 0.1)
     assert named == {"held_out_fraction": pytest.approx(1.0 / 3.0)}
-    assert [(log.name, [*vehicles.values()], more["final_fraction"]) for (log, vehicles), more in calls["predict"]] == [
-        (name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"
-    ]
-    assert all(more["nominal"] is base for _, more in calls["predict"])
+    assert [
+        (log.name, [*vehicles.values()], keywords["final_fraction"]) for (log, vehicles), keywords in calls["predict"]
+    ] == [(name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"]
+    assert all(keywords["nominal"] is base for _, keywords in calls["predict"])
     ((path, name, estimates), named) = calls["write_vehicle"][0]
     assert (path, name, estimates, named["base"]) == (vehicle_file, "mine", "estimates", "vehicles/hummingbird")
     assert named["nominal"] is False
@@ -375,8 +375,8 @@ def test_an_initial_vehicle_with_a_distribution_is_refused():
 
 
 def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, monkeypatch):
-    shown = []
-    monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown.append(arguments))
+    shown_warnings = []
+    monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown_warnings.append(arguments))
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -388,7 +388,7 @@ def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, mo
 
     running.run(command)
     assert capsys.readouterr().err == "remark: rock.obj: is large\n"
-    ((message, category, *where),) = shown
+    ((message, category, *where),) = shown_warnings
     assert (str(message), category, where) == ("of another kind", RuntimeWarning, ["file.py", 4])
 
 

@@ -113,7 +113,7 @@ def test_all_shipped_scenarios_are_listed(run):
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on PATH")
 @pytest.mark.parametrize(
-    ("words", "completed"),
+    ("message", "completed"),
     [
         (["drake-quad", "rep"], {"replay", "replicate"}),
         (["drake-quad", "fly", "laboratory:h"], {"laboratory:high_wind"}),
@@ -122,20 +122,20 @@ def test_all_shipped_scenarios_are_listed(run):
         (["drake-quad", "compare", "--controller", "controllers/l"], None),
     ],
 )
-def test_bash_completes_commands_options_and_names(run, tmp_path, words, completed):
+def test_bash_completes_commands_options_and_names(run, tmp_path, message, completed):
     (tmp_path / "script").write_text(run("completion", "bash").stdout, encoding="utf-8")
-    line = " ".join(words)
+    line = " ".join(message)
     program = f"""
 source {tmp_path / "script"}
-COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; COMP_LINE="{line}"; COMP_POINT={len(line)}
-_shtab_drake_quad drake-quad "{words[-1]}" "{words[-2]}"
+COMP_WORDS=({line}); COMP_CWORD={len(message) - 1}; COMP_LINE="{line}"; COMP_POINT={len(line)}
+_shtab_drake_quad drake-quad "{message[-1]}" "{message[-2]}"
 printf "%s\\n" "${{COMPREPLY[@]}}"
 """
     found = subprocess.run(
         ["bash", "-c", program], cwd=tmp_path, check=True, capture_output=True, text=True
     ).stdout.split()
     if completed is None:
-        completed = {name for name in shipped_scenarios() if name.startswith(words[-1])}
+        completed = {name for name in shipped_scenarios() if name.startswith(message[-1])}
         assert completed
     assert {*found} == completed
 

@@ -34,7 +34,7 @@ def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (VARIED[:4], "--vary is given 1 times, but a map has two axes; give it twice"),
         ([*VARIED, "--k-p", "0", "1"], "--k-p is an option of maps of gains; leave it out with --vary"),
@@ -46,8 +46,8 @@ def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
         (controllers("pd", "indi"), "a map of gains has one controller; give --controller once"),
     ],
 )
-def test_invalid_axes_of_a_map_are_refused(run, tmp_path, words, message):
-    result = run("map", "upset", *words, "--size", 2, "--output", tmp_path)
+def test_invalid_axes_of_a_map_are_refused(run, tmp_path, arguments, message):
+    result = run("map", "upset", *arguments, "--size", 2, "--output", tmp_path)
     assert result.returncode == 2
     assert message in result.stderr
     assert not [*tmp_path.iterdir()]

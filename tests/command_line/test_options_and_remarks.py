@@ -107,11 +107,11 @@ def test_design_commands_print_remarks_on_the_scenario_before_they_design(comman
 
 def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, simulated, tmp_path):  # noqa: F811
     calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
-    for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
+    for options, rate in (([], 1.0), (["--rate", 0], 0.0)):
         calls["show_replay"].clear()
         calls["live_view"].clear()
         simulated["simulate"].clear()
-        assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
+        assert run("fly", "robustness", "--sample", 3, "--meshcat", *options, "--output", tmp_path).returncode == 0
         (((meshcat, drawn, plan, given), _),) = calls["live_view"]
         assert (meshcat, given) == ("a browser", rate)
         # The view shows the vehicle of the sample.
@@ -159,11 +159,11 @@ def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, m
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)
-    made = []
-    monkeypatch.setattr(identify, "output_folder", lambda folder: made.append(folder) or folder)
+    folders = []
+    monkeypatch.setattr(identify, "output_folder", lambda folder: folders.append(folder) or folder)
     result = run("identify", "logs/flight 7.csv", "--vehicle", "vehicles/hummingbird")
     assert written(result) == ["out/identified/flight_7.yaml"]
-    assert made == [Path("out/identified"), Path("out/identified/flight_7")]
+    assert folders == [Path("out/identified"), Path("out/identified/flight_7")]
     assert run("identify", "a.csv", "--vehicle", "hover", "--output", tmp_path / "mine.yml").returncode == 0
 
 
@@ -182,9 +182,9 @@ def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypa
             progress()
         return []
 
-    findings = SimpleNamespace(entries=[], claims=[])
+    results = SimpleNamespace(entries=[], claims=[])
     replaced(
-        "replicate", fly_experiment=None, read_experiment=None, collect_findings=findings, write_report=write_report
+        "replicate", fly_experiment=None, read_experiment=None, collect_findings=results, write_report=write_report
     )
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
     assert bars[-1].n == bars[-1].total == len(CAPTIONS)

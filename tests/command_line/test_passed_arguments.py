@@ -62,7 +62,7 @@ def replaced(monkeypatch):
     """Return a function that replaces functions of a command by stubs and records the arguments of their calls."""
     calls = {}
 
-    def kept(name, result):
+    def stub_of(name, result):
         calls[name] = []
 
         def call(*arguments, **named):
@@ -73,7 +73,7 @@ def replaced(monkeypatch):
 
     def replace(command, **results):
         for name, result in results.items():
-            monkeypatch.setattr(f"{COMMAND_PACKAGE}.{command}.{name}", kept(name, result))
+            monkeypatch.setattr(f"{COMMAND_PACKAGE}.{command}.{name}", stub_of(name, result))
         return calls
 
     return replace
@@ -82,7 +82,7 @@ def replaced(monkeypatch):
 def test_controllers_are_compared_on_the_requested_number_of_samples(run, replaced, tmp_path):
     calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=["comparison.png"])
     one = ["compare", "--scenario", "hover", "--controller", "controllers/paper:pd", "--output", tmp_path]
-    for more, count, compiled, duration in (
+    for more_options, count, compiled, duration in (
         ([], 20, True, load_scenario("hover").duration),
         (["--quick"], 4, True, 6.0),
         (["--quick", "--samples", 7, "--wired", "--set", "duration=2"], 7, False, 2.0),
@@ -90,7 +90,7 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
         (["--samples", 1], 1, True, load_scenario("hover").duration),
     ):
         calls["fly_samples"].clear()
-        result = run(*one, *more)
+        result = run(*one, *more_options)
         assert result.returncode == 0
         assert written(result) == [str(tmp_path / "comparison.csv"), "comparison.png"]
         assert result.stdout.startswith(f"mean ± standard deviation over {count} samples; ")
@@ -103,12 +103,12 @@ def test_each_controller_is_combined_with_each_laboratory():
     arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
     found = compare.scenarios_from_arguments(arguments)
     names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
-    assert {place: [*each] for place, each in found.items()} == dict.fromkeys(
+    assert {laboratory: [*each] for laboratory, each in found.items()} == dict.fromkeys(
         ("nominal", "low_wind", "high_wind"), names
     )
-    for place, each in found.items():
+    for laboratory, each in found.items():
         for name, scenario in each.items():
-            assert (scenario.name, scenario.duration, scenario.seed, scenario.vehicle.mass) == (place, 6.0, 3, 0.7)
+            assert (scenario.name, scenario.duration, scenario.seed, scenario.vehicle.mass) == (laboratory, 6.0, 3, 0.7)
             assert (scenario.control.network is not None) == ("fnn" in name)
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
@@ -161,24 +161,34 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
 @pytest.mark.parametrize(("loop", "block", "axis"), [("position", "position", 0), ("attitude", "attitude", 1)])
 def test_gains_are_mapped_around_the_gains_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
-    own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
-    command_line = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
+    gain_overrides = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
+    command_line = [
+        "hover",
+        "--loop",
+        loop,
+        "--set",
+        gain_overrides[0],
+        "--set",
+        gain_overrides[1],
+        "--output",
+        tmp_path,
+    ]
     result = run("map", *command_line)
     assert result.returncode == 0
     assert written(result) == ["file"]
     assert len(calls["print_panel"]) == 2
-    scenario = load_scenario("hover", own)
+    scenario = load_scenario("hover", gain_overrides)
     (nominal, worst), (((panels, k_p, k_d), named),) = calls["panel"], calls["plot_map"]
     assert panels == ["a panel"] * 2
     first, second = 1.5 + axis, 4.5 + axis
     np.testing.assert_allclose(k_p, np.linspace(0.05 * first, 3.0 * first, 40))
     np.testing.assert_allclose(k_d, np.linspace(0.05 * second, 3.0 * second, 40))
     assert (named["marked"], named["loop"]) == ((first, second), loop)
-    for (arguments, more), case in zip((nominal, worst), calls["panel"], strict=True):
+    for (arguments, keywords), case in zip((nominal, worst), calls["panel"], strict=True):
         assert arguments[2] == loop
         np.testing.assert_array_equal(arguments[3], k_p)
         np.testing.assert_array_equal(arguments[4], k_d)
-        assert more == {"compiled": True}
+        assert keywords == {"compiled": True}
         assert case[0] is arguments
     assert (nominal[0][0], nominal[0][1]) == ("nominal", scenario)
     lag, delay = scenario.vehicle.rotor_time_constant, scenario.laboratory.command_link.delay_ticks
@@ -205,8 +215,8 @@ def test_a_quick_map_is_small_and_short_and_its_worst_case_can_be_named(run, rep
     assert len(calls["panel"][0][0][3]) == 3
     # The worst case adds no delay here, since the link already has the largest possible delay of fifty ticks.
     calls["panel"].clear()
-    late = ["--set", "laboratory.command_link.delay_ticks=50"]
-    assert run("map", "hover", "--quick", *late, "--output", tmp_path).returncode == 0
+    delay_override = ["--set", "laboratory.command_link.delay_ticks=50"]
+    assert run("map", "hover", "--quick", *delay_override, "--output", tmp_path).returncode == 0
     assert calls["panel"][1][0][1].laboratory.command_link.delay_ticks == 50
     for size, status in ((2, 0), (200, 0), (201, 2)):
         assert run("map", "hover", "--size", size, "--output", tmp_path).returncode == status
@@ -407,13 +417,13 @@ def test_a_single_remark_reports_several_studies_without_random_parameters(capsy
 
 
 def test_sobol_draws_are_refused_for_controllers_with_different_random_parameters(tmp_path):
-    mine = tmp_path / "mine.yaml"
-    mine.write_text(
+    scenario_file = tmp_path / "mine.yaml"
+    scenario_file.write_text(
         "mine: {extends: 'controllers/paper:pd', vehicle: {linear_drag: {uniform: {min: 0.1, max: 0.2}}}}\n"
     )
     given = argparse.Namespace(
         scenario="hover",
-        controller=["controllers/paper:pd", f"{mine}:mine"],
+        controller=["controllers/paper:pd", f"{scenario_file}:mine"],
         seed=None,
         over=None,
         set=["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"],
@@ -450,14 +460,14 @@ def simulated(replaced, monkeypatch):
 
 
 def test_the_flown_sample_is_given_by_the_option_or_the_scenario(run, simulated, tmp_path):
-    for more, sample, compiled in (
+    for more_options, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
         (["--set", "sample=4"], 4, None),
         (["--set", "sample=4", "--sample", 2], 2, None),
     ):
         simulated["simulate"].clear()
-        result = run("fly", "laboratory:low_wind", "--seed", 7, *more, "--output", tmp_path)
+        result = run("fly", "laboratory:low_wind", "--seed", 7, *more_options, "--output", tmp_path)
         assert (result.returncode, result.stderr) == (0, "")
         ((scenario,), named), *_ = simulated["simulate"]
         assert scenario.name == "low_wind"
@@ -528,8 +538,8 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
     assert options() == default
     assert options("--on-board") == default | on_board_options()
     for axis, each in options("--phase-margin", 50, "--gain-margin", 8, "--delay-margin", 3, "--on-board").items():
-        wanted = 3.0 * period if axis in ("roll", "pitch", "yaw") and each.requirements.delay else 0.0
-        assert tuple(each.requirements) == (50.0, 8.0, wanted)
+        required_delay = 3.0 * period if axis in ("roll", "pitch", "yaw") and each.requirements.delay else 0.0
+        assert tuple(each.requirements) == (50.0, 8.0, required_delay)
     assert options("--delay-margin", 3)["roll"].requirements.delay == 3.0 * period
     assert options("--delay-margin", 3)["x"].requirements.delay == 0.0
     damped = options(*(f"--loop={each}" for each in ("height.damping=0.7", "yaw.bandwidth=3", "position.bandwidth=2")))
@@ -690,12 +700,12 @@ def test_judge_tunes_the_controllers_of_each_given_family(run, replaced):
 
 
 def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):
-    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(statement="a claim", verdict="holds")])
+    results = SimpleNamespace(entries=[], claims=[SimpleNamespace(statement="a claim", verdict="holds")])
     calls = replaced(
         "replicate",
         fly_experiment="flights",
         read_experiment="found",
-        collect_findings=findings,
+        collect_findings=results,
         write_report=lambda folder, *_, **__: [folder / "report.md"],
     )
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
@@ -706,13 +716,13 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
     assert calls["read_experiment"] == [((tmp_path,), {})]
     assert calls["collect_findings"] == [(("found",), {})]
     ((arguments, named),) = calls["write_report"]
-    assert arguments == (tmp_path, "found", findings, "flights")
+    assert arguments == (tmp_path, "found", results, "flights")
     assert named["vector"] is None
     assert written(result) == [str(tmp_path / "report.md")]
     assert "a claim  holds" in result.stdout
     monkeypatch.chdir(tmp_path)
-    more = ["--workers", 1, "--resume", "--wired", "--vector", "pdf", "--output", tmp_path / "whole"]
-    assert run("replicate", *more).returncode == 0
+    options = ["--workers", 1, "--resume", "--wired", "--vector", "pdf", "--output", tmp_path / "whole"]
+    assert run("replicate", *options).returncode == 0
     (_, sizes, folder, _), named = calls["fly_experiment"][1]
     assert (sizes, folder) == (ExperimentSizes(), tmp_path / "whole")
     assert (named["resume"], named["compiled"]) == (True, False)

@@ -199,8 +199,8 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
 
 
 def test_equal_predictions_of_a_log_are_printed_without_an_interval(compared, capsys):
-    alike = replace(compared, predicted=np.full((3, 50, 3), 0.02))
-    compare_log.print_comparison(alike)
+    equal_predictions = replace(compared, predicted=np.full((3, 50, 3), 0.02))
+    compare_log.print_comparison(equal_predictions)
     lines = capsys.readouterr().out.splitlines()
     rows = cells("\n".join(lines[3:-1]))
     assert [row[3:] for row in rows[:3]] == [["2.00", "–"]] * 3
@@ -372,8 +372,15 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     mass, damping, drag = cells("\n".join(lines[2:5]))
     # The standard deviation of the mean is 0.02 kg. For a new flight, it is √(0.02² + 0.04²) kg. The second variance
     # has 4 degrees of freedom, so the sum has 6.25 degrees of freedom by the Welch-Satterthwaite formula.
-    far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
-    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
+    half_width_for_new_flight = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
+    assert mass == [
+        "mass",
+        plus_minus(0.5, 1.96 * 0.02),
+        "kg",
+        spread_text(half_width_for_new_flight),
+        "9 of 10",
+        "12.3 % of climb",
+    ]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [
@@ -503,9 +510,9 @@ def test_sensitivities_are_sorted_by_the_effect_of_a_change_of_one_per_cent(caps
         [float(value or "nan") for value in map(str, table["value"])], [np.nan, 2.0, 0.5, 0.0, 4.0]
     )
     np.testing.assert_allclose(table["rmse"], [0.4, 0.1, -2.0, 7.0, np.nan])
-    whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
+    uncrashed = Sensitivities(fields, found.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
-        sensitivities.print_sensitivities(whole, name)
+        sensitivities.print_sensitivities(uncrashed, name)
         assert capsys.readouterr().out.endswith(f"{name} has no derivative, because it is zero in this flight\n")
 
 

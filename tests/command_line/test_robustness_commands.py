@@ -87,8 +87,8 @@ def test_studies_with_sobol_draws_state_their_replicates(run, tmp_path):
 
 @pytest.mark.long
 def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_path):
-    late = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
-    result = run("certify", "hover", *late, "--output", tmp_path)
+    options = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
+    result = run("certify", "hover", *options, "--output", tmp_path)
     assert result.returncode == 0
     assert "stable up to scale" in result.stdout
     assert "unstable at scale" in result.stdout
@@ -106,7 +106,7 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["study", *HOVER, "--draws", "sobol", "--samples", "20"], "sobol draws need at least 32 samples"),
         (["study", *HOVER, "--draws", "sobol", "--until", "rmse ± 1 %"], "a study with sobol draws cannot end early"),
@@ -128,10 +128,10 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
         (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
     ],
 )
-def test_invalid_options_of_the_robustness_commands_are_refused_in_one_sentence(run, tmp_path, arguments, words):
+def test_invalid_options_of_the_robustness_commands_are_refused_in_one_sentence(run, tmp_path, arguments, message):
     result = run(*arguments, "--output", tmp_path / "out")
     assert result.returncode == 2
-    assert words in result.stderr
+    assert message in result.stderr
     assert "Traceback" not in result.stderr
 
 

@@ -62,13 +62,18 @@ class Counter(FleetSystem):
     """System with every type of declaration that a FleetSystem supports."""
 
     def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, parameters=0.25):
-        inputs = self.input("seen", layout=PAIR_LAYOUT, absent=Pair(0.1, 0.2))
+        inputs = self.input("inputs", layout=PAIR_LAYOUT, absent=Pair(0.1, 0.2))
         by = self.parameter("by", lambda by: Pair(by, 2.0 * by))
         memory = self.state("memory", lambda by: Pair(by, 1.0))
         steps = self.state("steps", lambda _: Pair(0.0, 0.5))
         self.initialize(lambda memory, by, time: initial(memory, by.a, time), memory, by, TIME, writes=[memory])
         reads = memory, inputs, by, TIME, CurrentTick(tick)
-        self.update(period, lambda m, inputs, by, *at: counted(m, inputs, by.b, *at), *reads, writes=[memory])
+        self.update(
+            period,
+            lambda m, inputs, by, *time_and_tick: counted(m, inputs, by.b, *time_and_tick),
+            *reads,
+            writes=[memory],
+        )
         self.update(step, after_tick, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
         self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, inputs, by, layout=PAIR_LAYOUT)
         self.state_output(memory)
@@ -104,9 +109,9 @@ def counters(builder, n, **structure):
     one = builder.AddNamedSystem("one", Counter(num_vehicles=n, **structure))
     two = builder.AddNamedSystem("two", Counter(num_vehicles=n, parameters=0.5 + np.arange(n) if n > 1 else 0.7))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.04, 2 * n))
-    builder.Connect(one.GetOutputPort("mixed"), two.GetInputPort("seen"))
+    builder.Connect(one.GetOutputPort("mixed"), two.GetInputPort("inputs"))
     builder.Connect(two.GetOutputPort("mixed"), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), one.GetInputPort("seen"))
+    builder.Connect(hold.get_output_port(), one.GetInputPort("inputs"))
     return {
         f"{name}.{port}": system.GetOutputPort(port)
         for name, system in (("one", one), ("two", two))

@@ -92,9 +92,9 @@ class PythonWind(LeafSystem):
 
 
 def test_diagrams_whose_vehicles_cannot_have_individual_clocks_are_refused(windy_scenario):
-    def fleet_of(scenario, **own):
+    def fleet_of(scenario, **user_systems):
         diagram = build_fleet_diagram(
-            Batch.draw(scenario, range(2)), plan_route(scenario), user_systems=UserSystems(**own)
+            Batch.draw(scenario, range(2)), plan_route(scenario), user_systems=UserSystems(**user_systems)
         )
         return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=SELECTED_OUTPUTS, monitor="monitor")
 

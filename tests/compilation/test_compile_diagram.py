@@ -150,8 +150,8 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(un
     contexts = [uncompiled.CreateDefaultContext() for _ in range(2)]
     part = system.CreateDefaultContext()
     vehicle = subsystem(uncompiled, ("laboratory", "vehicle"))
-    own = vehicle.GetMyMutableContextFromRoot(contexts[0])
-    vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.7, r=-0.2))
+    vehicle_context = vehicle.GetMyMutableContextFromRoot(contexts[0])
+    vehicle.set_state(vehicle_context, "state", vehicle.get_state(vehicle_context, "state")._replace(x=0.7, r=-0.2))
     rng = np.random.default_rng(0)
     pd = subsystem(uncompiled, ("control", "position", "pd"))
     gains = pd.GetMyMutableContextFromRoot(contexts[0]).get_mutable_numeric_parameter(0)
@@ -162,7 +162,7 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(un
     for i in range(contexts[0].num_numeric_parameter_groups()):
         actual, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
         np.testing.assert_array_equal(actual, expected)
-    assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(own, "state")
+    assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(vehicle_context, "state")
     own_pd = pd.GetMyContextFromRoot(contexts[0])
     assert system.get_parameter(part, "control.position.pd", "gains") == pd.get_parameter(own_pd, "gains")
 
@@ -173,8 +173,10 @@ def test_a_simulation_can_continue_from_any_state_with_any_parameters(uncompiled
     simulators = [Simulator(uncompiled), Simulator(compiled)]
     context = simulators[0].get_mutable_context()
     vehicle, pd = (subsystem(uncompiled, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
-    own = vehicle.GetMyMutableContextFromRoot(context)
-    vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.2, v_y=0.3, yaw=0.4))
+    vehicle_context = vehicle.GetMyMutableContextFromRoot(context)
+    vehicle.set_state(
+        vehicle_context, "state", vehicle.get_state(vehicle_context, "state")._replace(x=0.2, v_y=0.3, yaw=0.4)
+    )
     gains = pd.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
     gains.SetFromVector(0.8 * gains.CopyToVector())
     system, part = compiled_system_of(simulators[1])
@@ -220,23 +222,23 @@ def test_reading_the_state_of_an_uncompiled_system_is_refused(compiled, path):
 @pytest.mark.slow
 def test_the_monitor_of_drakes_simulator_observes_the_same_flight(uncompiled, compiled):
     """With the uncompiled and the compiled diagram, the monitor is called at equal times with equal states."""
-    seen = []
+    observed = []
     for diagram in (uncompiled, compiled):
         simulator = Simulator(diagram)
         states = []
 
-        def watch(root, diagram=diagram, states=states):
+        def observe(root, diagram=diagram, states=states):
             state = diagram.GetOutputPort("state").Eval(root)
             states.append([root.get_time(), *state])
             if root.get_time() > 0.175:
                 return EventStatus.ReachedTermination(diagram, "far enough")
             return EventStatus.DidNothing()
 
-        simulator.set_monitor(watch)
+        simulator.set_monitor(observe)
         simulator.AdvanceTo(1.0)
-        seen.append(states)
-    assert len(seen[0]) > 15
-    assert_alike(seen[1], seen[0])
+        observed.append(states)
+    assert len(observed[0]) > 15
+    assert_alike(observed[1], observed[0])
 
 
 @pytest.mark.slow
@@ -249,8 +251,8 @@ def test_no_event_starts_after_the_end_of_the_simulation(strided, last):
     logs = []
     for simulator in simulators:
         simulator.AdvanceTo(0.5)
-        own, context = compiled_system_of(simulator)
-        logs.append(own.log(context))
+        compiled_system, context = compiled_system_of(simulator)
+        logs.append(compiled_system.log(context))
     ticks = round(last / 0.02 + 0.25) + 1 if last != 0.21 else 11
     assert all(len(values) == ticks for values in logs[0].values())
     assert all(len(values) == 30 for values in logs[1].values())
@@ -277,9 +279,9 @@ def test_a_simulation_cannot_begin_between_two_events_if_each_event_simulates_se
 @pytest.mark.slow
 def test_recorded_outputs_have_the_values_before_the_discrete_updates(uncompiled, strided, compiled):
     """Recorded values start at time zero, and do not depend on the number of ticks that an event simulates."""
-    often = compile_diagram(uncompiled, record=True)
+    with_single_ticks = compile_diagram(uncompiled, record=True)
     logs = []
-    for diagram in (strided, often):
+    for diagram in (strided, with_single_ticks):
         simulator = Simulator(diagram)
         simulator.AdvanceTo(0.39)
         system, part = compiled_system_of(simulator)

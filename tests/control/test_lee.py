@@ -179,9 +179,9 @@ def commanded_by_firmware(flight):
     control = flight.scenario.control
     nominal = flight.scenario.nominal
     inertia = np.array(nominal.inertia)
-    own = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
+    attitude_gains = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
     gains = [np.array(getattr(control.position, name)) for name in ("k_p", "k_d", "k_i")]
-    gains += [np.array(rows) * inertia for rows in own]
+    gains += [np.array(rows) * inertia for rows in attitude_gains]
     law = Firmware(gains, nominal.mass, inertia, flight.scenario.laboratory.command_link.period)
     return np.array([law(*rows) for rows in zip(flight["measurement"], flight["reference"], strict=True)])
 

@@ -252,11 +252,11 @@ def test_an_integral_removes_the_error_that_a_trim_force_causes():
     """The integral balances the trim force F. Without it, the error is F / m divided by both proportional gains."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
-    still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
-    still |= {"laboratory.autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0, 0, 0]}}
+    noise_free = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
+    noise_free |= {"laboratory.autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0, 0, 0]}}
     errors = []
     for k_i in ([0.4, 0.4, 2.0], [0.0, 0.0, 0.0]):
-        flight = simulate(load_scenario("onboard", {**PX4_CONTROL, **hover, **still, "control.velocity.k_i": k_i}))
+        flight = simulate(load_scenario("onboard", {**PX4_CONTROL, **hover, **noise_free, "control.velocity.k_i": k_i}))
         errors.append(flight.record("state").x[-1])
     mass = flight.scenario.nominal.mass
     assert errors[0] == pytest.approx(0.0, abs=2e-3)

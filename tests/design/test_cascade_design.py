@@ -96,8 +96,8 @@ def test_a_vehicle_hovers_at_the_offset_that_its_displaced_centre_of_mass_predic
         "route={kind: hover, duration: 20}",
     ]
     scenario, ideal = (
-        load_scenario(diagrams / "onboard.yaml", [*overrides, f"vehicle.centre_of_mass={list(place)}"])
-        for place in (centre, (0.0, 0.0))
+        load_scenario(diagrams / "onboard.yaml", [*overrides, f"vehicle.centre_of_mass={list(centre_of_mass)}"])
+        for centre_of_mass in (centre, (0.0, 0.0))
     )
     states = [simulate(each, compiled=True)["state"][-200:, :2].mean(axis=0) for each in (scenario, ideal)]
     assert hover_offset(scenario) == pytest.approx(np.linalg.norm(states[0] - states[1]), rel=0.02)

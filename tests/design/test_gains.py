@@ -198,10 +198,10 @@ def test_the_cost_equals_the_sum_over_a_simulated_impulse_response(pitch):
         x = pitch.A @ x + pitch.B * u
     assert family.cost(pitch, gains, effort) == pytest.approx(total, rel=1e-9)
     best = family.gains(pitch, effort)
-    least = family.cost(pitch, best, effort)
+    min_cost = family.cost(pitch, best, effort)
     for factor in ((1.001, 1.0), (0.999, 1.0), (1.0, 1.001), (1.0, 0.999)):
-        assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
-    assert least > family.min_cost(pitch, effort)
+        assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > min_cost
+    assert min_cost > family.min_cost(pitch, effort)
 
 
 ASYMMETRIC_VEHICLE = [
@@ -459,7 +459,7 @@ class ProportionalFamily:
 
 
 @pytest.mark.parametrize(
-    ("gains", "words"),
+    ("gains", "message"),
     [
         ((1.0, -0.5), r"x cannot have an effort of 1: a negative gain: k_P 1, k_D -0\.5"),
         ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
@@ -469,8 +469,8 @@ class ProportionalFamily:
         ((1.0, 120.0), r"no stability: a pole of magnitude 1\.\d{4}"),
     ],
 )
-def test_the_message_about_unacceptable_gains_gives_the_reason(gains, words):
-    with pytest.raises(InputError, match=words):
+def test_the_message_about_unacceptable_gains_gives_the_reason(gains, message):
+    with pytest.raises(InputError, match=message):
         design_loop(double_integrator(), ProportionalFamily(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
 
 
@@ -602,8 +602,8 @@ def test_the_search_for_a_regulator_finds_the_minimum_after_a_step_to_unstable_g
     """The delay is so long that the first step of the search leads to unstable gains."""
     plant, family = delayed_integrator(8), RegulatorRequirements(0.2)
     gains = family.gains(plant, 1e3)
-    least = family.cost(plant, gains, 1e3)
-    assert all(family.cost(plant, AxisGains(gains.k_p * each, gains.k_d), 1e3) > least for each in (0.99, 1.01))
+    min_cost = family.cost(plant, gains, 1e3)
+    assert all(family.cost(plant, AxisGains(gains.k_p * each, gains.k_d), 1e3) > min_cost for each in (0.99, 1.01))
 
 
 class RecordingFamily(ProportionalFamily):

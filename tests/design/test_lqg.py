@@ -223,8 +223,8 @@ def test_the_mean_delay_of_the_plants_is_rounded_to_the_nearest_and_to_the_next_
     # Frames are at most 10 ms late and commands 1 to 3 ticks of 20 ms, so the mean delay of the plants is 2.3 ticks.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
     assert candidate_timings(bad_day, considered_plants(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
-    late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
-    assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
+    plants = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
+    assert [each.delay_ticks for each in candidate_timings(bad_day, plants)] == [2]
 
 
 @pytest.mark.long
@@ -376,20 +376,22 @@ def test_the_cost_within_the_limits_is_the_logarithm_of_the_rms_error_over_all_p
 
 def test_unstable_designs_cost_more_than_stable_ones(search_of):
     """The cost increases with the poles of unstable loops. An unstable loop with the nominal plant costs most."""
-    stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
-    unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
-    assert stable + 10.0 < late
-    assert late < unstable
+    stable, with_delay, with_longer_delay = (
+        search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9))
+    )
+    unstable, more_unstable = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
+    assert stable + 10.0 < with_delay
+    assert with_delay < unstable
     poles = [
         predict_performance(each.loop_of(None), each.actual_plants[0], each.timing).pole
         for each in map(search_of, (6, 9))
     ]
-    assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
+    assert (with_delay < with_longer_delay) == (unstable < more_unstable) == (poles[0] < poles[1])
 
     def failing(axis):
         raise np.linalg.LinAlgError
 
-    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
+    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, more_unstable)
     with pytest.raises(
         InputError,
         match=r"no LQG design is stable for the nominal plant: the best design has a pole of magnitude 1\.\d{4}",
@@ -427,14 +429,16 @@ def test_a_limit_is_tightened_by_slightly_more_than_the_exact_loop_violates_it(s
 
     assert search.with_tighter_limits(limits, (margins_of_loop(3.0, 0.03), None)) is search
     assert search.with_tighter_limits(limits, (None, None)) is search
-    peaked = search.with_tighter_limits(
+    with_tighter_sensitivity = search.with_tighter_limits(
         limits, (margins_of_loop(2.0, 0.05), margins_of_loop(4.0, 0.05), None)
     ).chain_limits
-    assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
-    assert peaked.delay == 0.04
-    late = search.with_tighter_limits(limits, (margins_of_loop(2.0, 0.02), margins_of_loop(2.0, 0.05))).chain_limits
-    assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
-    assert late.sensitivity == 2.5
+    assert 0.99 * 2.5 * 3.0 / 4.0 < with_tighter_sensitivity.sensitivity < 2.5 * 3.0 / 4.0
+    assert with_tighter_sensitivity.delay == 0.04
+    with_tighter_delay = search.with_tighter_limits(
+        limits, (margins_of_loop(2.0, 0.02), margins_of_loop(2.0, 0.05))
+    ).chain_limits
+    assert 0.04 * 0.03 / 0.02 < with_tighter_delay.delay < 1.01 * 0.04 * 0.03 / 0.02
+    assert with_tighter_delay.sensitivity == 2.5
 
 
 @pytest.mark.slow

@@ -218,13 +218,13 @@ def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flight
 
 def test_flights_with_extra_latency_add_only_their_crashes_to_the_error(laboratory, stub_flights):
     """The extra latency of 30 ms is three camera frames. Flights with it crash in one of the two laboratories."""
-    own = laboratory.laboratory.motion_capture.latency_frames
+    latency_frames = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
     def crash(parameters, sample, scenario):
-        late = scenario.laboratory.motion_capture.latency_frames == own + 3.0
-        assert late or scenario.laboratory.motion_capture.latency_frames == own
-        return 2.0 if late and scenario.name == "other" else np.inf
+        has_extra_latency = scenario.laboratory.motion_capture.latency_frames == latency_frames + 3.0
+        assert has_extra_latency or scenario.laboratory.motion_capture.latency_frames == latency_frames
+        return 2.0 if has_extra_latency and scenario.name == "other" else np.inf
 
     stub_flights(lambda *_: 0.2, crash)
     result = tune([laboratory, other], [K_P_PARAMETER], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
@@ -350,12 +350,12 @@ def test_predicted_violations_of_the_limit_are_penalised():
 
 def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_flights):
     """The only flight that crashes, from 40 ms on, is one of the four training samples in one of two laboratories."""
-    own = laboratory.laboratory.motion_capture.latency_frames
+    latency_frames = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
     def crash(parameters, sample, scenario):
-        late = scenario.laboratory.motion_capture.latency_frames - own
-        return 1.0 if late >= 4.0 and scenario.name == "other" and sample == 13 else np.inf
+        extra_frames = scenario.laboratory.motion_capture.latency_frames - latency_frames
+        return 1.0 if extra_frames >= 4.0 and scenario.name == "other" and sample == 13 else np.inf
 
     stub_flights(None, crash)
     budget = Budget(samples=8)

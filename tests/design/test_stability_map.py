@@ -131,8 +131,8 @@ def test_a_map_of_a_scenario_with_a_sample_uses_the_parameters_of_the_sample(sce
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )
     first, second = (mapped_plant(drawn.model_copy(update={"sample": sample}), "position") for sample in (0, 1))
-    own = load_scenario(
+    with_sample = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", [f"vehicle.mass={draw_sample(drawn, 1).vehicle.mass!r}"]
     )
-    np.testing.assert_allclose(mapped_plant(own, "position").A, second.A, atol=1e-12)
+    np.testing.assert_allclose(mapped_plant(with_sample, "position").A, second.A, atol=1e-12)
     assert np.abs(first.A - second.A).max() > 1e-4

@@ -68,8 +68,8 @@ def test_the_position_follows_a_step_as_a_critically_damped_filter(duration):
     aiding, readings = (Aiding("position", "position", 1),), {**LEVEL_READINGS, "position": [1.0, 0.0, 0.0]}
     system, context = run(AT_REST, aiding, (PositionAiding(1.0, 1.0, 1.0),), readings, duration)
     time = duration / TIMES.position
-    place = system.get_state(context, "estimate").position.x
-    assert place == pytest.approx(1.0 - (1.0 - time) * np.exp(-time), abs=0.01)
+    position = system.get_state(context, "estimate").position.x
+    assert position == pytest.approx(1.0 - (1.0 - time) * np.exp(-time), abs=0.01)
 
 
 def test_a_steady_acceleration_tilts_the_estimate():

@@ -100,8 +100,8 @@ def motion_along(position, yaw, duration):
     )
     accelerations = np.diff(velocity, axis=0) / H + gravity
     forces = np.einsum("kij,ki->kj", middle, accelerations)
-    places = position(0.0) + np.cumsum(np.vstack([np.zeros(3), 0.5 * H * (velocity[:-1] + velocity[1:])]), axis=0)
-    return Motion(places, velocity, rotations, turns / H, forces)
+    positions = position(0.0) + np.cumsum(np.vstack([np.zeros(3), 0.5 * H * (velocity[:-1] + velocity[1:])]), axis=0)
+    return Motion(positions, velocity, rotations, turns / H, forces)
 
 
 def hover(duration):
@@ -456,13 +456,13 @@ def test_readings_are_used_again_after_too_many_rejections():
     at_rest = {"gyroscope": [[0.0, 0.0, 0.0]], "accelerometer": [[0.0, 0.0, GRAVITY]]}
     for _ in range(50):
         advance(system, context, {**at_rest, "position": np.zeros((1, 3))})
-    places = []
+    positions = []
     for _ in range(300):
         advance(system, context, {**at_rest, "position": [[2.0, 0.0, 0.0]]})
-        places.append(system.get_state(context, "estimate").position.x)
-    assert max(places[:10]) < 1e-6  # the default of `max_rejections` is 10
-    assert abs(places[10] - 2.0) < 1e-2
-    assert abs(places[-1] - 2.0) < 1e-2
+        positions.append(system.get_state(context, "estimate").position.x)
+    assert max(positions[:10]) < 1e-6  # the default of `max_rejections` is 10
+    assert abs(positions[10] - 2.0) < 1e-2
+    assert abs(positions[-1] - 2.0) < 1e-2
     assert np.abs(system.GetOutputPort("measurement").Eval(context)[3:6]).max() < 0.05  # the attitude stays level
     assert system.get_state(context, "counters").rejections == (0.0,)
 
@@ -488,12 +488,12 @@ def test_the_filter_starts_with_the_direction_of_gravity_and_the_first_reading()
     context = system.CreateDefaultContext()
     R = Rotation.from_euler("ZYX", [2.0, -0.2, 0.3]).as_matrix()
     force = R.T @ [0.0, 0.0, GRAVITY]
-    place = [3.0, -400.0, 5.0]
+    position = [3.0, -400.0, 5.0]
     advance(
-        system, context, {"gyroscope": [np.zeros(3)], "accelerometer": [force], "position": [place], "yaw": [[2.0]]}
+        system, context, {"gyroscope": [np.zeros(3)], "accelerometer": [force], "position": [position], "yaw": [[2.0]]}
     )
     measurement = system.GetOutputPort("measurement").Eval(context)
-    np.testing.assert_allclose(measurement[:3], place, atol=1e-3)
+    np.testing.assert_allclose(measurement[:3], position, atol=1e-3)
     np.testing.assert_allclose(measurement[3:6], [0.3, -0.2, 2.0], atol=2e-3)
 
 

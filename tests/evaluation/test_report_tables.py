@@ -276,7 +276,9 @@ def test_controller_entries_without_a_design_are_listed(found):
                 **complete.flights.get(laboratory, {}),
                 **dict.fromkeys(names, flights(0.1)),
             }
-    assert "Each controller has a design for each family of laboratories." in report_markdown(complete, all_claims(complete), [])
+    assert "Each controller has a design for each family of laboratories." in report_markdown(
+        complete, all_claims(complete), []
+    )
 
 
 def test_the_best_controllers_of_each_laboratory_are_named():

@@ -417,8 +417,8 @@ def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
 def test_the_python_project_evaluates_the_reference_and_accepts_new_parameters(tmp_path):
     scenario, project = exported(tmp_path, "python", ["figure_eight", ONE_SECOND], "double", reference=True)
     subprocess.run(["make", "--silent"], cwd=project, check=True)
-    mine = module_of(project / "mine.py")
-    first, second, inputs = mine.Controller(), mine.Controller(), mine.Inputs()
+    python_module = module_of(project / "mine.py")
+    first, second, inputs = python_module.Controller(), python_module.Controller(), python_module.Inputs()
     first.set_reference(0.5, inputs)
     reference = simulate(scenario)["reference"][25]
     values = [getattr(inputs.reference, name) for name, _ in inputs.reference._fields_]

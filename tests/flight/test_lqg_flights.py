@@ -61,8 +61,8 @@ def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine
 
 @pytest.mark.long
 def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
-    late = "laboratory.motion_capture.latency_frames=5", "duration=8"
-    assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *late)) < 0.06
+    overrides = "laboratory.motion_capture.latency_frames=5", "duration=8"
+    assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *overrides)) < 0.06
 
 
 @pytest.mark.long

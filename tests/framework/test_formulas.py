@@ -135,7 +135,7 @@ def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formul
 
 
 @pytest.mark.parametrize(
-    ("formula", "words"),
+    ("formula", "message"),
     [
         (lambda x: (x > 0.0) + (x < 2.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
         (lambda x: -(x > 0.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
@@ -143,6 +143,6 @@ def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formul
         (lambda x: (x > 0.0) | x, "must be comparisons, not numbers"),
     ],
 )
-def test_ambiguous_operations_on_comparisons_are_refused(formula, words):
-    with pytest.raises(TypeError, match=words):
+def test_ambiguous_operations_on_comparisons_are_refused(formula, message):
+    with pytest.raises(TypeError, match=message):
         kernel(formula, (ROW,), (ROW,), single_vehicle=True)

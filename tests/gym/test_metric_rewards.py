@@ -109,7 +109,7 @@ def test_a_single_environment_computes_metrics_that_need_a_recorded_flight():
 
 @pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (
             lambda: task({"last_height": {}}),
@@ -131,8 +131,8 @@ def test_a_single_environment_computes_metrics_that_need_a_recorded_flight():
         (lambda: TrackingReward(metrics=["rmse"]), r"metrics is \['rmse'\], but must be a mapping from names"),
     ],
 )
-def test_metrics_that_cannot_be_part_of_a_reward_are_refused(make, words):
-    with pytest.raises(InputError, match=words):
+def test_metrics_that_cannot_be_part_of_a_reward_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
         make()
 
 

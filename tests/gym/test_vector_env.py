@@ -450,7 +450,7 @@ def test_the_tracking_reward_follows_its_formula():
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: envs_of(0), "num_envs is 0, but must be at least 1"),
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
@@ -522,6 +522,6 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
     ],
 )
-def test_invalid_arguments_are_reported_in_a_sentence(make, words):
-    with pytest.raises(InputError, match=words):
+def test_invalid_arguments_are_reported_in_a_sentence(make, message):
+    with pytest.raises(InputError, match=message):
         make()

@@ -35,7 +35,7 @@ def test_estimates_are_written_with_units_and_intervals():
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "message"),
     [
         ("weight", "there is no parameter of a vehicle or its laboratory called 'weight'; there are mass, inertia"),
         ("body_drag.linears[0]", "did you mean body_drag.linear or body_drag.quadratic?"),
@@ -46,10 +46,10 @@ def test_estimates_are_written_with_units_and_intervals():
         ("inertia[0].x", "called 'inertia[0].x'"),
     ],
 )
-def test_parameter_names_are_those_of_the_scenario_language(name, words):
+def test_parameter_names_are_those_of_the_scenario_language(name, message):
     with pytest.raises(InputError) as caught:
         estimates(names=("mass", name))
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_parameters_have_a_path_in_a_scenario():
@@ -141,7 +141,7 @@ def test_a_subset_of_estimates_keeps_the_data_of_its_parameters():
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         ({"names": ("mass", "mass")}, "'mass' is estimated twice"),
         ({"values": [0.033]}, "2 names need"),
@@ -152,6 +152,6 @@ def test_a_subset_of_estimates_keeps_the_data_of_its_parameters():
         ({"not_identified": {"weight": "it was not weighed"}}, "no parameter .* called 'weight'"),
     ],
 )
-def test_invalid_estimates_are_refused(changes, words):
-    with pytest.raises(InputError, match=words):
+def test_invalid_estimates_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
         estimates(**changes)

@@ -59,13 +59,13 @@ def test_position_noise_does_not_count_as_drift():
 
 
 @pytest.mark.parametrize(
-    ("record", "words"), [(synthetic_flight(20.0, speed=0.0), "hovers"), (synthetic_flight(0.4), "is too short")]
+    ("record", "message"), [(synthetic_flight(20.0, speed=0.0), "hovers"), (synthetic_flight(0.4), "is too short")]
 )
-def test_a_short_log_or_a_log_without_motion_is_refused(record, words):
+def test_a_short_log_or_a_log_without_motion_is_refused(record, message):
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         velocity_estimate(record)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         linear_drag(record, base)
 
 

@@ -98,7 +98,7 @@ def test_a_forecast_ignores_measurements_after_the_filter_has_settled(predictor)
 
 
 @pytest.mark.parametrize(
-    ("signal", "column", "words"),
+    ("signal", "column", "message"),
     [
         ("attitude", 0, "roll"),
         ("attitude", 2, "yaw"),
@@ -107,5 +107,5 @@ def test_a_forecast_ignores_measurements_after_the_filter_has_settled(predictor)
         (FORCE, 1, "specific force along y"),
     ],
 )
-def test_forecast_outputs_are_named_by_signal_and_axis(signal, column, words):
-    assert output_name(signal, column) == words
+def test_forecast_outputs_are_named_by_signal_and_axis(signal, column, message):
+    assert output_name(signal, column) == message

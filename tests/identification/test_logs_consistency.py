@@ -247,7 +247,7 @@ def test_each_wrong_sign_is_named(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "factor", "words"),
+    ("name", "factor", "message"),
     [
         ("position", 1e3, "millimetres were taken for metres"),
         ("velocity", 1e2, "centimetres were taken for metres"),
@@ -261,9 +261,9 @@ def test_each_wrong_sign_is_named(name):
         ("reference_position", 1e2, "centimetres were taken for metres"),
     ],
 )
-def test_each_wrong_unit_is_named(name, factor, words):
+def test_each_wrong_unit_is_named(name, factor, message):
     (remark,) = found({name: factor * flight()[name]})
-    assert remark.endswith(f": {name} looks as if {words}")
+    assert remark.endswith(f": {name} looks as if {message}")
 
 
 @pytest.mark.long
@@ -598,14 +598,14 @@ def test_a_message_states_the_correlation():
     assert size == pytest.approx(other, rel=0.1)
 
 
-@pytest.mark.parametrize(("size", "words"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
-def test_a_disagreement_names_both_amplitudes_or_says_that_the_other_signal_is_constant(size, words):
+@pytest.mark.parametrize(("size", "message"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
+def test_a_disagreement_names_both_amplitudes_or_says_that_the_other_signal_is_constant(size, message):
     """The signals alternate between two values, so clipping at their quantile does not change their amplitude."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "the derivative of position", 0.5 * signal, -size * signal, 0.1, ("x",))
     correlation = "-1.00" if size else "0.00"
     text = pair.text(0).replace("-0.00", "0.00")
-    assert text == f"the derivative of position along x (correlation {correlation}, amplitudes {words})"
+    assert text == f"the derivative of position along x (correlation {correlation}, amplitudes {message})"
     angles = pair._replace(other="it", expected=1e-10 * size * signal, axes=("roll",))
     assert angles.text(0) == f"it in roll (correlation {correlation}, which is constant)"
 

@@ -133,7 +133,7 @@ HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "message"),
     [
         (VALID_LOG[:1] + b"\3\0" + VALID_LOG[3:], "version 3; versions 1 and 2 can be read"),
         (VALID_LOG[:3], "is truncated: the header"),
@@ -152,8 +152,8 @@ HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22
         (crazyflie_log([(0, "imu", GYRO)], [(0, 1, (1.0,) * 3)]), "has no signal with two samples"),
     ],
 )
-def test_an_invalid_log_is_refused_with_one_sentence(written, data, words):
-    with pytest.raises(InputError, match=words) as caught:
+def test_an_invalid_log_is_refused_with_one_sentence(written, data, message):
+    with pytest.raises(InputError, match=message) as caught:
         read_log(written(data))
     assert str(caught.value).count("\n") == 0
 

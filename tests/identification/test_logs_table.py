@@ -205,7 +205,7 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("a,b\n1,2\n3,4\n", r"none of the shipped mappings \(.*neural_fly.*\) fits its columns, 'a', 'b'"),
         ("\0\1\2 garbage", "not a log in a known format"),
@@ -220,8 +220,8 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
         (HEADER + ROW.format(1) + ROW.format(1), "no signal with two samples"),
     ],
 )
-def test_an_unreadable_table_is_refused(write, text, words):
-    with pytest.raises(InputError, match=words):
+def test_an_unreadable_table_is_refused(write, text, message):
+    with pytest.raises(InputError, match=message):
         read_log(write("log.csv", text))
 
 
@@ -234,7 +234,7 @@ def test_truncated_rows_are_left_out(write):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("signals: {speed: {columns: [v]}}", r"m.yaml:1: signals.speed is not a signal; signals are position"),
         ("signals: {positions: {columns: [v]}}", "did you mean position"),
@@ -266,9 +266,9 @@ def test_truncated_rows_are_left_out(write):
         ("time: {column: t}\nsignals: {}", "does not fit the mapping m.yaml: the mapping has no signals"),
     ],
 )  # fmt: skip
-def test_an_invalid_mapping_is_refused(write, text, words):
+def test_an_invalid_mapping_is_refused(write, text, message):
     log = write("log.csv", TABLE)
-    with pytest.raises(InputError, match=words) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         read_log(log, write("m.yaml", text))
     assert "\n" not in str(caught.value)
 

@@ -173,7 +173,7 @@ VALID_LOG = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "message"),
     [
         (VALID_LOG[:10], "is a ULog that cannot be read: Invalid file format"),
         (VALID_LOG[:40], "is a ULog without any of the topics"),
@@ -182,8 +182,8 @@ VALID_LOG = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0
         (ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}), "the topic wind has 131,071 fields"),
     ],
 )
-def test_an_unreadable_log_is_refused_with_one_sentence(read, data, words):
-    with pytest.raises(InputError, match=words):
+def test_an_unreadable_log_is_refused_with_one_sentence(read, data, message):
+    with pytest.raises(InputError, match=message):
         read(data)
 
 
@@ -197,12 +197,13 @@ def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("topic", "words"), [("wind", "the topic wind contains itself"), ("deep", "the topic wind has 25,000,001 fields")]
+    ("topic", "expected_message"),
+    [("wind", "the topic wind contains itself"), ("deep", "the topic wind has 25,000,001 fields")],
 )
-def test_topics_with_too_many_nested_fields_are_refused(read, topic, words):
+def test_topics_with_too_many_nested_fields_are_refused(read, topic, expected_message):
     formats = {"wind": f"uint64_t timestamp;{topic}[5000] a;", "deep": "float[5000] b;"}
     messages = [message(b"B", bytes(40)), *(message(b"F", f"{name}:{each}".encode()) for name, each in formats.items())]
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=expected_message):
         read(VALID_LOG[:16] + b"".join(messages))
 
 
@@ -282,7 +283,7 @@ def status(*values):
 
 
 @pytest.mark.parametrize(
-    ("topics", "parameters", "words"),
+    ("topics", "parameters", "message"),
     [
         ({}, {"MAV_TYPE": 13}, "a hexarotor (the parameter MAV_TYPE is 13)"),
         ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL (the parameter MAV_TYPE is 22)"),
@@ -293,13 +294,13 @@ def status(*values):
         (status(1, True, 0, False), {}, "a VTOL (vehicle_status.is_vtol is 1)"),
     ],
 )
-def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, topics, parameters, words):
+def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, topics, parameters, message):
     data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
-        InputError, match=rf"log.ulg: is a log of {re.escape(words)}, not of a quadrotor; to read it, give a mapping"
+        InputError, match=rf"log.ulg: is a log of {re.escape(message)}, not of a quadrotor; to read it, give a mapping"
     ):
         read(data)
-    assert has_remark(read(data, "px4"), f"the log is of {words}")
+    assert has_remark(read(data, "px4"), f"the log is of {message}")
 
 
 @pytest.mark.parametrize(
@@ -319,7 +320,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
 
 
 @pytest.mark.parametrize(
-    ("parameters", "fractions", "words"),
+    ("parameters", "fractions", "message"),
     [
         ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since the log contains no such parameter"),
         (
@@ -341,12 +342,12 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
         ),
     ],
 )
-def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
+def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, message):
     """A record lists the motors in the order front right, back right, back left, front left: PX4's motors 1, 4, 2 and
     3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
-    assert has_remark(record, words)
+    assert has_remark(record, message)
 
 
 def test_equal_pulse_limits_are_refused(read):
@@ -451,7 +452,7 @@ COMPLETE_SIZE = len(HEADER_AND_TWO_MESSAGES)  # bytes; the file is complete up t
 
 
 @pytest.mark.parametrize(
-    ("rest", "end", "continues", "words"),
+    ("rest", "end", "continues", "expected_message"),
     [
         (b"", COMPLETE_SIZE, False, ""),
         *(
@@ -476,7 +477,7 @@ COMPLETE_SIZE = len(HEADER_AND_TWO_MESSAGES)  # bytes; the file is complete up t
         ),
     ],
 )
-def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, continues, words):
+def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, continues, expected_message):
     chain = _intact_start_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
     assert (chain.end, chain.may_continue) == (end, continues)
-    assert [words in each for each in chain.remarks] == ([True] if words else [])
+    assert [expected_message in each for each in chain.remarks] == ([True] if expected_message else [])

@@ -98,9 +98,7 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(
-        InputError, match=f"{vehicle.name} has no nominal.motors; add nominal.motors with a"
-    ):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add nominal.motors with a"):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 

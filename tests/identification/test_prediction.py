@@ -419,14 +419,14 @@ def test_only_the_end_of_the_flight_is_predicted_on_request(record, scenario):
 
 
 @pytest.mark.parametrize(
-    ("left_out", "words"),
+    ("left_out", "message"),
     [
         (("position", "velocity", "attitude", "body_rates"), "contains no signal that can be predicted"),
         (("rotor_speed_command",), "has no commands for the vehicle"),
     ],
 )
-def test_a_log_without_predictable_signals_is_refused(record, scenario, left_out, words):
-    with pytest.raises(InputError, match=words):
+def test_a_log_without_predictable_signals_is_refused(record, scenario, left_out, message):
+    with pytest.raises(InputError, match=message):
         predict(replace(record, **dict.fromkeys(left_out)), {"right": scenario})
 
 

@@ -83,7 +83,7 @@ def remarks(**topics):
 
 
 @pytest.mark.parametrize(
-    ("topic", "counter", "fields", "size", "words"),
+    ("topic", "counter", "fields", "size", "message"),
     [
         ("vehicle_local_position", "xy", ("delta_xy[0]", "delta_xy[1]"), 1.0, "position {} m"),
         ("vehicle_local_position", "z", ("delta_z",), 1.0, "height {} m"),
@@ -92,9 +92,9 @@ def remarks(**topics):
         ("vehicle_attitude", "quat", tuple(f"delta_q_reset[{i}]" for i in (1, 2, 3)), 2.0, "attitude {} rad"),
     ],
 )
-def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, size, words):
+def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, size, message):
     """Resets below 0.01 are ignored, since every estimator begins with them."""
-    quantity, unit = words.split(" {} ")
+    quantity, unit = message.split(" {} ")
     for count, jumps in ((1, [(3, 0.2)]), (2, [(3, 0.2), (9, 0.4)]), (1, [(3, 0.001), (9, 0.4)]), (0, [(3, 0.001)])):
         counts = sum((np.arange(20) >= row).astype(int) for row, _ in jumps)
         sizes = np.zeros(20)

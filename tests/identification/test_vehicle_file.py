@@ -433,7 +433,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
 
 
 @pytest.mark.parametrize(
-    ("found", "options", "words"),
+    ("found", "options", "message"),
     [
         ({"mass": (-0.1, 1.0)}, {}, "the estimate of mass, -0.1 kg, must be larger than 0"),
         ({"arm_length": (0.04, 0.001)}, {}, "the vehicle cannot be written: {path}:"),
@@ -447,11 +447,11 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         ),
     ],
 )
-def test_an_error_leaves_no_file(base, tmp_path, found, options, words):
+def test_an_error_leaves_no_file(base, tmp_path, found, options, message):
     path = tmp_path / options.get("path", "drone.yaml")
     with pytest.raises(InputError) as caught:
         write_vehicle(path, options.get("name", "drone"), estimates_of(found), base=options.get("base", base))
-    assert words.format(path=path) in str(caught.value)
+    assert message.format(path=path) in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -168,11 +168,11 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
         LearningParameters(1.7, GradientLaw(0.4), initial_weight=0.3),
     )
 
-    def command(**more):
+    def command(**options):
         network = build_fuzzy_network(
-            rules=FuzzyRules(adaptive=bool(more), parameters=FuzzyRulesParameters((sets,))),
+            rules=FuzzyRules(adaptive=bool(options), parameters=FuzzyRulesParameters((sets,))),
             learning=WeightLearning(num_rules=12, parameters=parameters),
-            **more,
+            **options,
         )
         context = network.CreateDefaultContext()
         for name, rows in (("error", (0.1, -0.2, 0.3)), ("error_rate", (0.4, 0.1, -0.3))):
@@ -189,16 +189,16 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
 @pytest.mark.long
 def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
     """For this network of few rules, the error with adaptive sets may be at most 2 % larger than with constant sets."""
-    own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
-    plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
+    overrides = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
+    constant_sets = simulate(asymmetric("pd_t2fnn", *overrides), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"
-    adaptive = simulate(asymmetric("pd_t2fnn", *own, rates), sample=0, compiled=True)
+    adaptive = simulate(asymmetric("pd_t2fnn", *overrides, rates), sample=0, compiled=True)
     parameters = adaptive["antecedents"]
     assert parameters.shape[1] == 3 * 19
     is_moved = np.ptp(parameters, axis=0) > 0.0
     assert 20 < is_moved.sum() < 60
-    assert adaptive.metrics.rmse <= 1.02 * plain.metrics.rmse
-    assert "antecedents" not in plain.signals
+    assert adaptive.metrics.rmse <= 1.02 * constant_sets.metrics.rmse
+    assert "antecedents" not in constant_sets.signals
 
 
 def test_membership_derivatives_agree_with_the_membership():

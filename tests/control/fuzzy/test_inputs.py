@@ -24,8 +24,8 @@ SIGNALS = {
 def test_an_input_of_a_rule_is_a_signal_on_the_axis_a_coordinate_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert input_signals(inputs) == ("error", "error_rate", "measurement", "disturbance")
-    for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
-        e, rate, d = own
+    for axis, values_on_axis in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
+        e, rate, d = values_on_axis
         assert input_values(axis, inputs, SIGNALS, 2.0, (0.0, 8.0)) == [e, rate, 3.0, 7.0, 0.25, d]
 
 

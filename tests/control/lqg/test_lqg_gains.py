@@ -115,12 +115,12 @@ def test_the_kalman_gain_gives_the_smallest_error_variance():
 def test_commands_in_transit_act_after_the_delay(delay):
     model = MODELS["vertical"]
     A, B = discretise(model.A, model.B, TICK)
-    whole = augment_with_delay(A, B, delay)
+    augmented = augment_with_delay(A, B, delay)
     commands = np.random.default_rng(0).normal(size=12)
     x, z = np.zeros((len(A), 1)), np.zeros((len(A) + delay, 1))
     for tick, u in enumerate(commands):
         x = A @ x + B * (commands[tick - delay] if tick >= delay else 0.0)
-        z = whole[0] @ z + whole[1] * u
+        z = augmented[0] @ z + augmented[1] * u
         np.testing.assert_allclose(z[: len(A)], x, atol=1e-14)
         np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
 
