@@ -5,7 +5,7 @@ of several plants, with different lags, camera latencies and link delays, in the
 limits the peak sensitivity, the delay margin and the RMS of the commands. A trial requires no simulation: it solves two
 Riccati equations and, for each plant, a Lyapunov equation of the closed loop over a tick.
 
-The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and leans in the
+The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and tilts in the
 wind. A designed controller is therefore also checked in the exact linear model of the vehicle. If it violates a limit
 there that it satisfies with the chain, the limit for the chain is tightened and the search continues.
 """
@@ -289,7 +289,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         (1e-3, 0.03, max(conditions.vertical.mean, _MIN_DISTURBANCE)),
         limits,
     ).improved()
-    yaw = None if on_board else _yaw(scenario)
+    yaw = None if on_board else _yaw_pd(scenario)
     for _ in range(_MAX_ROUNDS):
         lateral_design, lateral_predictions = lateral.result()
         vertical_design, vertical_predictions = vertical.result()
@@ -324,10 +324,10 @@ def considered_plants(scenario: Scenario) -> tuple[Plant, ...]:
     def bounds(path: str, number: Callable[[Scenario], Any], default_low: Any, default_high: Any) -> tuple[Any, Any]:
         return (number(low), number(high)) if path in varied else (default_low, default_high)
 
-    lag, frames, ticks = _lag(middle), _latency(middle), _delay(middle)
-    lags = bounds("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD * lag, _LAG_SPREAD * lag)
-    latencies = bounds("laboratory.motion_capture.latency_frames", _latency, frames, frames + _DELAY_SPREAD)
-    delays = bounds("laboratory.command_link.delay_ticks", _delay, ticks, ticks + _DELAY_SPREAD)
+    lag, frames, ticks = _rotor_time_constant(middle), _latency_frames(middle), _delay_ticks(middle)
+    lags = bounds("vehicle.rotor_time_constant", _rotor_time_constant, 1.0 / _LAG_SPREAD * lag, _LAG_SPREAD * lag)
+    latencies = bounds("laboratory.motion_capture.latency_frames", _latency_frames, frames, frames + _DELAY_SPREAD)
+    delays = bounds("laboratory.command_link.delay_ticks", _delay_ticks, ticks, ticks + _DELAY_SPREAD)
     autopilot = middle.laboratory.autopilot
     response = autopilot.attitude_response()
     middle_plant = Plant(not autopilot.models_vehicle, lag, response, frames, ticks, _thrust_gain(middle))
@@ -605,7 +605,7 @@ class _LqgSearch:
         )
 
     def improved(self) -> "_LqgSearch":
-        """Return a search with better parameters, which a local search has found starting from the present ones."""
+        """Return the search after a local search for better parameters, which starts from the present ones."""
         logs = np.log(self.values)
         steps = np.eye(len(logs))
         with single_threaded_blas():
@@ -691,13 +691,13 @@ def _disturbing(conditions: DisturbanceStatistics, bias: ChainNoise | None) -> D
     )
 
 
-def _yaw(scenario: Scenario) -> YawPd:
+def _yaw_pd(scenario: Scenario) -> YawPd:
     """Return a yaw PD, designed as for a cascade."""
     gains: Any = design_cascade(median_scenario(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
-def _lag(scenario: Scenario) -> float:
+def _rotor_time_constant(scenario: Scenario) -> float:
     """Return the time constant of the rotors, s: the geometric mean of the values for acceleration and braking."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
     return float(f"{up if down is None else math.sqrt(up * down):.4g}")
@@ -709,14 +709,14 @@ def _thrust_gain(scenario: Scenario) -> float:
     plant = laboratory_plant(scenario, vehicle="actual").system
     command = f"{scenario.laboratory.autopilot.command}.thrust"
     response = plant.between([command], ["measurement.z"]).response(np.exp([1j * slow * period])).item()
-    return float(f"{abs(response) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")
+    return float(f"{abs(response) * mass * slow**2 * math.hypot(1.0, slow * _rotor_time_constant(scenario)):.3g}")
 
 
-def _latency(scenario: Scenario) -> int:
+def _latency_frames(scenario: Scenario) -> int:
     return int(scenario.laboratory.motion_capture.latency_frames)
 
 
-def _delay(scenario: Scenario) -> int:
+def _delay_ticks(scenario: Scenario) -> int:
     return int(scenario.laboratory.command_link.delay_ticks)
 
 

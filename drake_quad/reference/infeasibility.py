@@ -33,14 +33,14 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
-        complaint = _describe_violation(problem, least_excess, "at least {} is needed")
+        violation = _describe_violation(problem, least_excess, "at least {} is needed")
     except PLANNING_ERRORS:
         # The solver failed for the relaxed problem, so the message describes the path that was planned without limits.
-        complaint = _describe_violation(problem, unlimited, "the smoothest path needs {}")
+        violation = _describe_violation(problem, unlimited, "the smoothest path needs {}")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
-        return f"{complaint}; no slower flight was found that satisfies the derivatives given at the waypoints"
-    return f"{complaint}; the flight is feasible if all durations are multiplied by {slower:.3g}"
+        return f"{violation}; no slower flight was found that satisfies the derivatives given at the waypoints"
+    return f"{violation}; the flight is feasible if all durations are multiplied by {slower:.3g}"
 
 
 def _describe_violation(problem: PathProblem, path: PolynomialPath, need: str) -> str:
@@ -107,10 +107,10 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
     if worst is None or worst.clearance >= 0.0:
         # The relaxed path stays in the corridors, so a path exists and only the solver failed.
         return unknown
-    wider = WALL_MARGIN * worst.size - worst.clearance
+    missing_width = WALL_MARGIN * worst.size - worst.clearance
     return (
         f"the path cannot stay in the corridor of segment {worst.segment} at these times with the derivatives given at"
-        f" the waypoints: the corridor would have to be {_rounded_up(wider):g} m wider"
+        f" the waypoints: the corridor would have to be {_rounded_up(missing_width):g} m wider"
     )
 
 

@@ -63,8 +63,8 @@ def mean_sequence(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
     if n < 2:
         return Interval(float(values[0]) if n else math.nan, math.nan, math.nan)
     error = 1.0 - confidence
-    tuning = (-2.0 * math.log(error) + math.log(1.0 - 2.0 * math.log(error))) / _TUNED_NUM_SAMPLES
-    spread = n * tuning + 1.0
-    factor = math.sqrt(2.0 * spread / (n * n * tuning) * math.log(math.sqrt(spread) / error))
+    rho_squared = (-2.0 * math.log(error) + math.log(1.0 - 2.0 * math.log(error))) / _TUNED_NUM_SAMPLES
+    spread = n * rho_squared + 1.0
+    factor = math.sqrt(2.0 * spread / (n * n * rho_squared) * math.log(math.sqrt(spread) / error))
     mean, half_width = float(np.mean(values)), factor * float(np.std(values, ddof=1))
     return Interval(mean, mean - half_width, mean + half_width)

@@ -375,7 +375,7 @@ def test_the_cost_within_the_limits_is_the_logarithm_of_the_rms_error_over_all_p
 
 
 def test_unstable_designs_cost_more_than_stable_ones(search_of):
-    """The cost increases with the poles of unstable loops. An unstable loop with the nominal plant costs most."""
+    """The cost of an unstable loop increases with its largest pole. It is highest if the nominal plant is unstable."""
     stable, with_delay, with_longer_delay = (
         search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9))
     )
@@ -445,7 +445,7 @@ def test_a_limit_is_tightened_by_slightly_more_than_the_exact_loop_violates_it(s
 def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
     gains = design_cascade(scenario).loops["yaw"].gains
-    yaw = lqg_design._yaw(scenario)
+    yaw = lqg_design._yaw_pd(scenario)
     assert (yaw.k_p, yaw.k_d) == (gains.k_p, gains.k_d)
     assert yaw.k_p > 1.2 * yaw.k_d
 
@@ -470,7 +470,7 @@ def test_a_design_depends_on_the_nominal_vehicle_and_the_disturbances(diagrams, 
     assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
         *(limits.max_tilt, limits.min_thrust, limits.max_thrust),
     )
-    assert control.yaw == lqg_design._yaw(scenario)
+    assert control.yaw == lqg_design._yaw_pd(scenario)
     timing = Timing(0.01, 0.02, control.delay_ticks)
     assert timing in candidate_timings(scenario, design.plants)
     for loop, model, predictions in (
@@ -496,7 +496,7 @@ def test_the_measurement_noise_of_a_plant_follows_from_the_cameras():
 
 def test_the_lag_of_rotors_with_two_time_constants_is_their_geometric_mean(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
-    assert lqg_design._lag(scenario) == 0.04
+    assert lqg_design._rotor_time_constant(scenario) == 0.04
     down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])
     down = down.model_copy(update={"vehicle": down.vehicle.model_copy(update={"rotor_time_constant_down": 0.09})})
-    assert lqg_design._lag(down) == 0.06
+    assert lqg_design._rotor_time_constant(down) == 0.06
