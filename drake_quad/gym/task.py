@@ -37,7 +37,9 @@ def environment_scenario(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, overrides)
     elif overrides:
-        raise InputError("overrides apply only to a scenario that is given by file or name, but a Scenario is given")
+        raise InputError(
+            "overrides apply only to a scenario that is loaded by file or name; change the given Scenario instead"
+        )
     control, autopilot = scenario.control, scenario.laboratory.autopilot
     fields = {"kind": "policy", "action": {"kind": "acceleration"}, **control.policy_fields()}
     attitude = fields.pop("attitude", None)

@@ -25,7 +25,7 @@ class Sweep(Generic[MetricsType]):
     """Metrics of the same samples of a scenario, for several settings of its parameters.
 
     Attributes:
-        settings: (settings,) values of each varied parameter, by name.
+        settings: (settings,) values of each varied parameter, keyed by name.
         samples: (samples,) indices of the samples, which are the same for each setting.
         metrics: (settings, samples) values of each metric.
     """

@@ -159,7 +159,9 @@ def _section(name: str, model: dict[str, Any]) -> str:
     lines = [f"## {name}", "", model.get("description", "").partition("\n\n")[0].replace("\n", " "), ""]
     fields = model.get("properties", {})
     lines += (
-        ["| field | type | default | meaning |", "| --- | --- | --- | --- |"] if fields else ["It has no fields: `{}`."]
+        ["| field | type | default | meaning |", "| --- | --- | --- | --- |"]
+        if fields
+        else ["This mapping has no fields; write `{}`."]
     )
     for field, node in fields.items():
         default = "required" if field in required else _default(node.get("default"))

@@ -78,7 +78,7 @@ def main() -> None:
 
 
 def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
-    """Yield the results of each batch by sample, as soon as the batch is complete."""
+    """Yield the results of each batch, keyed by sample, as soon as the batch is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
         for outcome in run_tasks(workers, check_batch, lambda: next(waiting, None)):
@@ -88,7 +88,7 @@ def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[i
 
 
 def read_rows(path: Path, description: str) -> dict[int, list[CheckedParameter]]:
-    """Return the saved results by sample.
+    """Return the saved results, keyed by sample.
 
     A flight in which no parameter was identified has a single row with an empty name, and an empty list here.
 

@@ -460,7 +460,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
-            "overrides apply only to a scenario that is given by file or name",
+            "overrides apply only to a scenario that is loaded by file or name",
         ),
         (
             lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
