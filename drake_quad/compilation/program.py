@@ -182,8 +182,9 @@ class Program:
         instants = round(period / self.base)
         if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
             raise InputError(
-                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s, which do not match its"
-                " periods"
+                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s: their period must be a"
+                f" multiple of {self.base:g} s, and must divide {self.cycle * self.base:g} s, the least common multiple"
+                " of all periods"
             )
         return instants
 
