@@ -274,7 +274,7 @@ def test_a_design_assumes_the_delay_with_the_smallest_cost_and_limits_the_comman
     """
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
+    stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw_pd": shipped.control.yaw}
     for function, value in stubs.items():
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []
