@@ -132,8 +132,8 @@ class ObservableSignal(NamedTuple):
 
 
 OBSERVABLE_SIGNALS = {
-    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z of W, whatever the `frame` (m)"),
-    "position_error": ObservableSignal(3, _position_error, "from the vehicle to the reference (m)"),
+    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z of W, independent of the `frame` (m)"),
+    "position_error": ObservableSignal(3, _position_error, "vector from the vehicle to the reference (m)"),
     "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
     "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference relative to the vehicle (m/s)"),
     "reference_velocity": ObservableSignal(3, _reference_velocity, "velocity of the reference (m/s)"),
@@ -141,9 +141,9 @@ OBSERVABLE_SIGNALS = {
     "reference_ahead": ObservableSignal(
         None,
         _reference_ahead,
-        "from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
+        "vectors from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
     ),
-    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw with respect to W, whatever the `frame` (rad)"),
+    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw with respect to W, independent of the `frame` (rad)"),
     "rotation": ObservableSignal(
         9,
         _rotation,
