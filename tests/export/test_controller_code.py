@@ -19,7 +19,7 @@ from drake_quad.exported.system import exported_controller
 from drake_quad.scenario.layouts import rotors_of
 
 ROOT = Path(__file__).parents[2]
-CASES = int(os.environ.get("FUZZ_CASES", 100)) // 100
+NUM_CASES = int(os.environ.get("FUZZ_CASES", 100)) // 100
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 needs_board = pytest.mark.skipif(
     shutil.which(CROSS_COMPILER) is None or shutil.which(EMULATOR) is None, reason="no cross-compiler or no QEMU"
@@ -48,7 +48,7 @@ def test_code_in_double_precision_equals_the_simulation_bit_for_bit(name, tmp_pa
 @pytest.mark.slow
 def test_code_of_random_controllers_equals_the_simulation_bit_for_bit(tmp_path):
     rng, hover = np.random.default_rng(71), load_scenario("hover").route
-    for number, structure in enumerate(structures(rng, CASES)):
+    for number, structure in enumerate(structures(rng, NUM_CASES)):
         scenario = draw_sample(scenario_of(structure, rng, tmp_path, duration=1.0), 0)
         # Some random vehicles cannot fly their random route, which does not matter for the code.
         scenario = scenario.model_copy(update={"route": hover})
