@@ -132,7 +132,9 @@ class ObservableSignal(NamedTuple):
 
 
 OBSERVABLE_SIGNALS = {
-    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z of W, independent of the `frame` (m)"),
+    "position": ObservableSignal(
+        3, _position, "position of the vehicle along X, Y, Z of W, independent of the `frame` (m)"
+    ),
     "position_error": ObservableSignal(3, _position_error, "vector from the vehicle to the reference (m)"),
     "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
     "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference relative to the vehicle (m/s)"),
@@ -143,7 +145,9 @@ OBSERVABLE_SIGNALS = {
         _reference_ahead,
         "vectors from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
     ),
-    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw with respect to W, independent of the `frame` (rad)"),
+    "attitude": ObservableSignal(
+        3, _attitude, "roll, pitch and yaw with respect to W, independent of the `frame` (rad)"
+    ),
     "rotation": ObservableSignal(
         9,
         _rotation,
