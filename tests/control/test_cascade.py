@@ -55,7 +55,7 @@ def cascade(feed_forward, position=None, network=None):
 
 
 def output_of(system, **inputs):
-    """Return the only output of a system for these inputs."""
+    """Return the only output of a system for the signals in `INPUTS`."""
     context = system.CreateDefaultContext()
     for name, rows in inputs.items():
         system.GetInputPort(name).FixValue(context, rows)

@@ -188,7 +188,7 @@ def commanded_by_firmware(flight):
 
 @pytest.mark.slow
 def test_wrenches_in_flight_agree_with_the_firmware():
-    """The flight has no jerk feedforward. Both integrals are active, and tilts are large."""
+    """The flight has no jerk feedforward. Both integrals are active, and the tilt is large."""
     flight = simulated_flight()
     assert not flight.metrics.crashed
     assert np.abs(flight["state"][:, 3:5]).max(axis=0).min() > 0.3

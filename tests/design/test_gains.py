@@ -490,8 +490,8 @@ def test_an_unstable_loop_has_infinite_cost():
     assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
     assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
     # No feedback stabilises an uncontrollable mode.
-    unreached = replace(plant, B=np.zeros((2, 1)))
-    assert np.isnan(family.gains(unreached, 1.0)).all()
+    uncontrollable = replace(plant, B=np.zeros((2, 1)))
+    assert np.isnan(family.gains(uncontrollable, 1.0)).all()
 
 
 def test_gains_of_a_design_are_listed_axis_by_axis(pitch):

@@ -229,7 +229,7 @@ def reading_of(kind, p, v, R, rates, generator):
 @pytest.mark.parametrize("lever", [None, Vector(0.3, -0.2, 0.1)], ids=["without lever", "with lever"])
 @pytest.mark.parametrize("kind", AIDING_LAWS)
 def test_the_filter_agrees_with_dense_matrices(kind, lever):
-    """Vector measurements are linearised at one estimate, so the sequential corrections agree exactly."""
+    """The filter corrects with one component after another, all linearised at one estimate, so both agree exactly."""
     generator, motion = np.random.default_rng(3), figure_eight(1.5)
     system = make_filter(Aiding("aid", kind, 4), block_samples=2, lever=lever)
     offset = Rotation.from_rotvec([0.03, -0.02, 0.04]).as_matrix()

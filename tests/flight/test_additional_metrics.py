@@ -217,7 +217,7 @@ def test_the_mean_of_a_fraction_is_a_fraction_but_the_integral_of_a_fraction_is_
 def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
     @metric("1", over_time="mean", value_range="fraction")
     def fraction_outside(state, reference):
-        """Fraction of the ticks at which the vehicle is more than 2 cm off."""
+        """Fraction of the ticks at which the vehicle is more than 2 cm from its reference."""
         x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z
         return where(x * x + y * y + z * z > 0.02 * 0.02, 1.0, 0.0)
 

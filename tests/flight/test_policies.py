@@ -158,7 +158,7 @@ def test_raptor_has_the_same_actions_as_the_package_foundation_policy(raptor):
 
 
 def test_raptor_flies_as_in_the_simulator_in_which_it_was_trained(root):
-    """The recorded flight in tests/data/raptor is the return of a Crazyflie from an offset."""
+    """In the recorded flight in tests/data/raptor, a Crazyflie returns to its setpoint from an initial offset."""
     with (root / "tests/data/raptor/l2f.csv").open(encoding="utf-8") as file:
         expected = np.array([[float(cell) for cell in row.values()] for row in csv.DictReader(file)])
     vehicle = {

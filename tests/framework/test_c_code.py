@@ -163,7 +163,9 @@ def test_multiply_add_rounds_once_even_without_a_processor_instruction_for_it(tm
     x, y, z = rng.normal(size=(3, count)) * 2.0 ** rng.integers(-40, 40, (3, count))
     third = count // 3
     z[:third] = -x[:third] * y[:third]  # `multiply_add` then returns the rounding error of the product
-    x[third : 2 * third] = rng.integers(-(2**27), 2**27, third)  # products with few digits give ties
+    x[third : 2 * third] = rng.integers(
+        -(2**27), 2**27, third
+    )  # products with few digits, which cause ties in rounding
     y[third : 2 * third] = rng.integers(-(2**27), 2**27, third)
     z[third : 2 * third] = rng.integers(-(2**53), 2**53, third) * 2.0 ** rng.integers(-60, 60, third)
     found = np.empty(count)

@@ -29,7 +29,7 @@ def test_the_last_episode_is_replayed_with_all_signals(tmp_path):
     np.testing.assert_allclose(flight["observation"][1:], observations, rtol=1e-6, atol=1e-6)
     page = save_replay({"a rollout": flight}, tmp_path / "replay.html")
     assert "a rollout" in page.read_text(encoding="utf-8")
-    # After the first tick of the current episode, this episode is returned.
+    # After its first tick, the current episode is replayed instead of the last one.
     env.reset()
     assert env.flight().metrics.rmse == flight.metrics.rmse
     env.step(np.zeros(4))

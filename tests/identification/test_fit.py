@@ -158,8 +158,10 @@ def test_evidence_has_at_least_sixty_parts_because_few_windows_are_split(windows
 
 
 class LinearPredictor:
-    """Stub of a predictor: the errors of a linear model, `measured` minus `rows` times θ, with white noise of unit
-    variance."""
+    """Stub of a predictor with a linear model.
+
+    The errors are `measured` minus `rows` times θ. The noise is white, with unit variance.
+    """
 
     class Model:
         delay_index = None
@@ -700,8 +702,10 @@ class DelayedPredictor:
 
 
 def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None:
-    """The outputs have a kink at a delay of one sample, with the one-sided derivatives 4 and 6. The central difference
-    is 5."""
+    """The outputs have a kink at a delay of one sample, with the one-sided derivatives 4 and 6.
+
+    The central difference is 5.
+    """
     predictor = DelayedPredictor()
     parameters = np.array([0.7, predictor.period])
     point = fitting._Point.at(predictor, np.array([0.7, 0.02]), parameters, predictor.gains)  # type: ignore[arg-type]

@@ -58,7 +58,7 @@ def test_a_vehicle_that_never_flies_is_refused(height):
         free_flight(record_of(height))
 
 
-def test_two_samples_are_the_shortest_flight():
+def test_a_flight_has_at_least_two_samples():
     """Free flight is more than 0.25 m above the ground, which is at 0.3 m."""
     height = np.where((TIME > 2.0) & (TIME < 6.0), 0.55, 0.3)
     for count in (1, 2):
@@ -140,8 +140,7 @@ def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
 
 @pytest.mark.slow
 def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_logged(diagrams):
-    """If the reference counted as constant for 0.2 s, a vehicle without error would seem to have an error of up to 20
-    cm."""
+    """If the reference counted as constant for 0.2 s, a perfect vehicle would seem to have an error of up to 20 cm."""
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     flight = simulate(scenario, compiled=True)
     state, reference = flight.record("measurement"), flight.record("reference")

@@ -75,8 +75,10 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 @pytest.mark.long
 @pytest.mark.parametrize(("kind", "seconds"), [("calm", 9), ("autopilot", 11)])
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: int) -> None:
-    """At most two of about fifteen 95 % intervals do not contain the true value. Intervals of twice the width all
-    do."""
+    """At most two of about fifteen 95 % intervals do not contain the true value.
+
+    Intervals of twice the width all do.
+    """
     record, scenario, initial = simulated_log(kind, diagrams, f"duration={seconds}")
     found = identify([record], initial, held_out_fraction=0.0)
     assert len(found.estimates.identified) >= 10

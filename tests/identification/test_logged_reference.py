@@ -51,8 +51,10 @@ def test_a_path_is_recovered_with_its_acceleration_and_jerk():
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_rounded_and_held_values_hardly_change_the_path(velocity):
-    """A path that is rounded to 1 mm and sent at 50 Hz is reconstructed to 0.5 mm. Its delay is half of the hold time
-    minus half a sample."""
+    """A path that is rounded to 1 mm and sent at 50 Hz is reconstructed to 0.5 mm.
+
+    Its delay is half of the hold time minus half a sample.
+    """
     record = logged(PATH, held=5, velocity=velocity)
     cut = FlightRecord(
         "a",

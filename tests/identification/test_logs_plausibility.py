@@ -170,8 +170,10 @@ def test_times_beyond_1e12_seconds_are_left_out():
 
 @pytest.mark.parametrize("name", ["imu", ""])
 def test_a_remark_on_a_faulty_clock_is_given_once_and_names_the_table(name):
-    """Commands use the times at which rows were written, and measurements the times at which they were sampled. Both
-    clocks of the table have a fault."""
+    """Commands use the times at which rows were written, and measurements the times at which they were sampled.
+
+    Both clocks of the table have a fault.
+    """
     written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
     table = Table(name, written, {}, sampled)
     clocks = _Clocks()

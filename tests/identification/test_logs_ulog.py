@@ -89,8 +89,10 @@ def test_frames_and_rotor_order_of_a_ulog_are_converted(read):
 
 
 def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(read):
-    """The time of a measurement is that of its sampling, 2 ms before it is written. The time of a command is that of
-    writing."""
+    """The time of a measurement is that of its sampling, 2 ms before it is written.
+
+    The time of a command is that of writing.
+    """
     data = ulog(
         {
             "vehicle_local_position": (
@@ -343,8 +345,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
     ],
 )
 def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, message):
-    """A record lists the motors in the order front right, back right, back left, front left: PX4's motors 1, 4, 2 and
-    3."""
+    """A record lists front right, back right, back left and front left motor, which are PX4's motors 1, 4, 2 and 3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
     assert has_remark(record, message)

@@ -116,8 +116,7 @@ def test_parameters_of_effects_are_candidates_if_the_vehicle_has_the_effect(
 
 
 def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Scenario) -> None:
-    """One throttle command for all motors varies around hover, so it determines only two coefficients of the thrust
-    curve."""
+    """A throttle command for all motors varies around hover, so it determines only two coefficients of the curve."""
     drag = [*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
     thrust = ["motors.curve[0]", "motors.curve[1]", "rotor_time_constant"]
     assert {*found_in(attitudes, POSE)} == {*thrust, *ATTITUDE_RESPONSE, *MARKER_MISALIGNMENT, *drag, "delay"}

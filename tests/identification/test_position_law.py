@@ -160,8 +160,7 @@ def test_the_axes_along_the_heading_are_forward_left_and_up():
 
 @pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
 def test_the_unproduced_output_is_the_output_that_the_anti_windup_of_px4_subtracts(climb):
-    """PX4 subtracts 2 / k_v times the output that the thrust does not produce from the velocity error that it
-    integrates."""
+    """PX4 integrates the velocity error minus 2 / k_v times the output that the thrust does not produce."""
     gain, mass = 3.0, 0.7
     limits = AccelerationParameters(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))

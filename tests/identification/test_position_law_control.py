@@ -172,8 +172,11 @@ def test_a_law_that_commands_a_tilt_is_written_as_a_cascade_with_tilt_commands()
 
 
 def test_axes_of_a_cascade_have_individual_gains():
-    """The law of a cascade has the gains k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i if half of the
-    velocity is fed forward. The position loop has the gains K and K_i, and the velocity loop has k and k_i'."""
+    """Half of the velocity is fed forward.
+
+    The position loop has the gains K and K_i, and the velocity loop has the gains k and k_i'. The law of such a cascade
+    has the gains k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i.
+    """
     loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
     control = control_of(
         *(

@@ -137,8 +137,10 @@ def test_the_deviation_is_the_position_noise_in_the_form_decoupled_and_zero_in_a
 def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does_not_produce(
     vehicle,
 ):
-    """In the form `decoupled`, the tilt is computed for the thrust g, but the thrust is g + u_z. They produce the
-    fraction 1 + u_z / g of the horizontal output."""
+    """In the form `decoupled`, the tilt is computed for the thrust g, but the thrust is g + u_z.
+
+    They produce the fraction 1 + u_z / g of the horizontal output.
+    """
     record, gravity = record_of(), vehicle.nominal.gravity
     found, _ = prepared_pieces(record, vehicle, [])
     for form, (piece,) in found.items():

@@ -33,8 +33,7 @@ def scenario(root):
     overrides = (
         "duration=10",
         "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
-        # With the next three values, the effect of a command is visible after one camera frame, which is the delay of
-        # the scenario.
+        # With the next three values, commands have a total delay of one camera frame, 10 ms, which the log also has.
         "laboratory.motion_capture.period=0.01",
         "laboratory.command_link.delay_ticks=0",
         "laboratory.command_link.loss_rate=0",
@@ -122,8 +121,7 @@ def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, 
 
 @pytest.mark.long
 def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
-    """The remaining error is the error of the initial state, which is the end of a parabola through 50 ms of motion
-    with jerk."""
+    """The remaining error is that of the initial state, which is estimated by a parabola through 50 ms of motion."""
     assert predictions.rmse("position", "right", 0.5).value < 2e-3
     assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
     for quantity in predictions.errors:

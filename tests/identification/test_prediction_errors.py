@@ -109,8 +109,10 @@ def test_the_variance_of_a_mean_force_follows_from_its_correlation_time(duration
 
 
 def test_equivalent_axes_share_one_noise_parameter(scenario, log):
-    """The three axes of a position or attitude share one parameter. For rates, forces and disturbances, x and y share
-    one parameter, and z has its own."""
+    """The three axes of a position or attitude share one parameter.
+
+    For rates, forces and disturbances, x and y share one parameter, and z has its own.
+    """
     both = POSE + IMU
     noise_groups = predictor_of(scenario, log, both).noise_groups
     groups = [
@@ -458,8 +460,10 @@ def test_every_window_has_the_same_weight_in_the_estimate_of_the_noise(scenario,
 
 
 def test_limiting_the_correlation_time_of_forces_leaves_other_noise_parameters_free(scenario, log, values):
-    """Forces along the axes of the body have a correlation time of at most 0.25 s, because forces that last longer are
-    errors of the thrust curve."""
+    """The correlation time of forces along body axes is at most 0.25 s.
+
+    Forces that last longer are errors of the thrust curve.
+    """
     model = LogModel(scenario, ["mass"], frame="body")
     predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     initial = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))

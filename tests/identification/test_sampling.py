@@ -141,8 +141,10 @@ def test_a_clock_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkey
 
 
 def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
-    """If the clocks differ, logs are averaged to a period of 0.03 s. A log with a longer period keeps its period. If
-    one log has no gyroscope, all records are unchanged."""
+    """If the clocks differ, logs are averaged to a period of 0.03 s.
+
+    A log with a longer period keeps its period. If one log has no gyroscope, all records are unchanged.
+    """
     compared = []
 
     def shifts_of_part(signals, time):

@@ -72,8 +72,10 @@ def test_error_statistics_are_computed_for_each_axis_and_for_the_distance():
 
 
 def test_the_true_vehicle_predicts_the_position_errors_of_the_log(scenario, log_of_flight):
-    """Predicted and logged errors differ only because the route fitted to the logged reference is inexact, and its
-    acceleration is fed forward."""
+    """Predicted and logged errors differ slightly, because the route is only fitted to the logged reference.
+
+    The acceleration of the route is fed forward.
+    """
     found = compare_with_log(log_of_flight, scenario, samples=1, rest=REST_DURATION)
     assert found.predicted.shape == (1, *found.logged_error.shape)
     assert np.abs(found.logged_error).max() > 0.02

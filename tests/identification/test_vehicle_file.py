@@ -352,8 +352,10 @@ def test_a_study_draws_samples_from_the_distributions_in_a_vehicle_file(loop, ve
 
 
 def test_an_estimated_attitude_response_replaces_the_autopilot_of_the_base_scenario(root, tmp_path):
-    """Fields that the response requires are added to the file. Effects that it includes, such as the reaction torque,
-    are switched off."""
+    """Fields that the response requires are added to the file.
+
+    Effects that it includes, such as the reaction torque, are switched off.
+    """
     found = {
         f"autopilot.{name}[{axis}]": (9.0 + axis, 0.2) for name in ("natural_frequency", "damping") for axis in range(3)
     }

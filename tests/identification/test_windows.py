@@ -104,8 +104,10 @@ def test_a_second_around_a_pitch_near_90_degrees_is_left_out_and_reported() -> N
 
 
 def test_downsampling_averages_commands_after_each_sample_and_measurements_around_it() -> None:
-    """The mean of a measured ramp around a sample is its value at the sample. A command acts in the step that follows
-    the sample, so its mean is over this step."""
+    """The mean of a measured ramp around a sample is its value at the sample.
+
+    A command acts in the step that follows the sample, so its mean is over this step.
+    """
     ramp = np.arange(2000.0)
     tilted = record(motor_command=np.tile(ramp[:, None], 4), specific_force=np.tile(ramp[:, None], 3))
     for step in (4, 5):

@@ -31,12 +31,12 @@ from drake_quad.control.fuzzy.systems import (
 from drake_quad.framework.records import layout_of
 
 ALL_PARTS = ("centres", "widths", "exponents")
-SETS_OF_INPUTS = (
+FUZZY_SETS_OF_INPUTS = (
     FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
     CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
-INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=SETS_OF_INPUTS)
+INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=FUZZY_SETS_OF_INPUTS)
 
 
 def with_change(antecedents, index, change):
@@ -116,8 +116,8 @@ def test_only_the_selected_parts_of_the_sets_learn(part):
     after = adapt_antecedents(INITIAL_ANTECEDENTS, gradient, 0.001, rates, initial=INITIAL_ANTECEDENTS, parts=(part,))
     changed = {
         "exponents": after[:3] != INITIAL_ANTECEDENTS[:3],
-        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS_OF_INPUTS, strict=True)),
-        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS_OF_INPUTS, strict=True)),
+        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, FUZZY_SETS_OF_INPUTS, strict=True)),
+        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, FUZZY_SETS_OF_INPUTS, strict=True)),
     }
     assert [name for name, has_changed in changed.items() if has_changed] == [part]
     # The step is too small to reach a bound, so each part changes by its rate times the gradient.
@@ -131,8 +131,8 @@ def test_only_the_selected_parts_of_the_sets_learn(part):
 def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
     """The parameters of two vehicles follow the equations of the gradient law with a dead zone."""
     sets = (
-        INITIAL_ANTECEDENTS._replace(inputs=SETS_OF_INPUTS[:2]),
-        INITIAL_ANTECEDENTS._replace(a1=1.2, inputs=SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(inputs=FUZZY_SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(a1=1.2, inputs=FUZZY_SETS_OF_INPUTS[:2]),
     )
     learning = LearningParameters(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
     parameters = AdaptationParameters(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
@@ -164,7 +164,7 @@ def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
 def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
     """The corrections of both networks are equal for the same weights and inputs."""
     sets, parameters = (
-        INITIAL_ANTECEDENTS._replace(inputs=SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(inputs=FUZZY_SETS_OF_INPUTS[:2]),
         LearningParameters(1.7, GradientLaw(0.4), initial_weight=0.3),
     )
 

@@ -89,9 +89,9 @@ def test_a_network_with_phase_input_flies_equally_compiled_and_uncompiled(diagra
         ],
     )
     flight, _ = assert_flown_alike(Batch.draw(scenario, [3, 0]))
-    on_x, _ = np.split(flight["weights"], 2, axis=1)
+    weights_on_x, _ = np.split(flight["weights"], 2, axis=1)
     # The sum is over the sets of v_x, the first input of the rules.
-    change = np.abs(np.diff(on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
+    change = np.abs(np.diff(weights_on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
     # A lap has 16 ticks of 20 ms. The first set, around phase 0, learns at both ends of a lap but not in its middle.
     phase = (np.arange(len(change)) % 16) / 16.0
     middle, late, early = (phase > 0.36) & (phase < 0.64), phase > 0.66, phase < 0.34

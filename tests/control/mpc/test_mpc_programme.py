@@ -97,7 +97,7 @@ class ExplicitAxis:
 
 
 def minimised(cost, margins, size, scale):
-    """Return the solution of a convex problem by sequential least squares."""
+    """Minimise a convex cost by sequential least squares programming, and return the solution."""
     result = scipy.optimize.minimize(
         lambda v: cost(scale * v),
         np.zeros(size),
