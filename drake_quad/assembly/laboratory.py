@@ -154,7 +154,7 @@ def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMot
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # A layout with paired rotors can produce every torque, whatever the values of its parameters are.
+    # A layout with paired rotors can produce every torque for all values of its parameters.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
         raise InputError(f"vehicle.layout cannot produce {missing} in some of the samples; narrow its distributions")
     config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
