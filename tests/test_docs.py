@@ -32,7 +32,7 @@ DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent no
 PAGES = [ROOT / "README.md", *DOCS]
 # Pages for developers. The tests check their links and names, but do not run their commands.
 DEVELOPER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
-# Options that the tests append to commands of the pages, to shorten them. The last one of equal options applies.
+# Options that the tests append to commands of the pages to reduce their run time. They override earlier equal options.
 SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
@@ -194,7 +194,7 @@ def run_program(program, arguments, monkeypatch):
 
 
 class ParsedError(BaseException):
-    """Signal that a command line was parsed. It is not an `Exception`, because commands catch those of user files."""
+    """Signal that a command line was parsed. It is not an `Exception`, because commands catch exceptions of user code."""
 
 
 def commands():

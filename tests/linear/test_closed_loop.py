@@ -129,8 +129,8 @@ def test_a_laboratory_whose_plant_cannot_be_linearised_is_refused(laboratory, ov
         laboratory_plant(laboratory(override))
 
 
-def test_the_plant_of_the_actual_vehicle_has_its_mass_but_not_its_asymmetry(laboratory):
-    """The gain from thrust to height is inversely proportional to the mass. Thrust rotates neither vehicle."""
+def test_the_plant_of_the_actual_vehicle_contains_its_mass_but_not_its_asymmetry(laboratory):
+    """The gain from thrust to height is inversely proportional to the mass. Thrust does not tilt either vehicle."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
     for vehicle in ("nominal", "actual"):
@@ -351,7 +351,7 @@ def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory
     [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
 )
 def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, changes, entries, num_calls):
-    """It makes twenty steps before it fails if all values are finite, and begins again after a flight."""
+    """If all values are finite, the method fails after twenty steps. A second search starts from the end of a flight."""
     calls = stub_linearize(monkeypatch, changes, **entries)
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())

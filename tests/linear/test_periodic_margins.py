@@ -29,7 +29,7 @@ def offset_loop(scenario, row):
 
 
 def loop_with_slow_camera(delay_ticks=1):
-    """Return a scenario in which every second tick has a new frame, by default with the default delay."""
+    """Return a scenario with a camera frame at every second tick."""
     delay = f"laboratory.command_link.delay_ticks={delay_ticks}"
     return load_scenario("laboratory:nominal", ["laboratory.motion_capture.period=0.04", delay])
 
@@ -39,8 +39,8 @@ def slow_camera():
     return loop_with_slow_camera()
 
 
-def with_gain(closed, factor):
-    """Return the poles of a loop after its signal is multiplied by a factor."""
+def poles_with_gain(closed, factor):
+    """Return the closed-loop poles if the signal of the loop is multiplied by a factor."""
     gain = (factor - 1.0) / factor
     feedback = gain * np.linalg.inv(np.eye(len(closed.inputs)) - gain * closed.D)
     return np.linalg.eigvals(closed.A + closed.B @ feedback @ closed.C)
@@ -105,14 +105,14 @@ def test_a_factor_beyond_the_gain_margins_of_a_periodic_loop_makes_it_unstable(s
     closed = offset_loop(slow_camera, 1)
     margins = periodic_margins(closed)
     for decibel in (margins.gain, -margins.gain_reduction):
-        size = [np.abs(with_gain(closed, 10.0 ** (share * decibel / 20.0))).max() for share in (0.999, 1.001)]
+        size = [np.abs(poles_with_gain(closed, 10.0 ** (share * decibel / 20.0))).max() for share in (0.999, 1.001)]
         assert size[0] < 1.0 < size[1]
 
 
 def test_a_phase_beyond_the_phase_margin_of_a_periodic_loop_makes_it_unstable(slow_camera):
     closed = offset_loop(slow_camera, 1)
     phase = math.radians(periodic_margins(closed).phase)
-    size = [np.abs(with_gain(closed, np.exp(-1j * share * phase))).max() for share in (0.999, 1.001)]
+    size = [np.abs(poles_with_gain(closed, np.exp(-1j * share * phase))).max() for share in (0.999, 1.001)]
     assert size[0] < 1.0 < size[1]
 
 
@@ -121,7 +121,7 @@ def test_a_tick_of_delay_reduces_the_delay_margins_of_a_periodic_loop_by_a_tick(
     first, second = (link_margins(each) for each in (slow_camera, loop_with_slow_camera(2)))
     for signal in ("thrust", "tau_x", "tau_z"):
         assert second[signal].delay == pytest.approx(first[signal].delay - tick, rel=1e-5)
-    # The loops of the largest delays that are stable and of the smallest that are not:
+    # The loop is stable with the largest whole number of additional ticks within the delay margin, but not with one more.
     ticks = math.floor(min(margins.delay for margins in first.values()) / tick)
     sizes = [np.abs(closed_loop(loop_with_slow_camera(1 + ticks + more)).system.poles()).max() for more in (0, 1)]
     assert sizes[0] < 1.0 < sizes[1]
@@ -149,7 +149,7 @@ def test_margins_of_all_signals_of_a_periodic_loop_agree(slow_camera):
 
 
 @pytest.mark.parametrize("name", ["warehouse_uwb", pytest.param("outdoor_gnss", marks=pytest.mark.long)])
-def test_what_no_sensor_measures_does_not_make_the_loops_of_an_estimator_unstable(name):
+def test_unobservable_states_do_not_make_the_loops_of_an_estimator_unstable(name):
     """The yaw and the bias of its gyroscope are unobservable without a magnetometer, and the loop has a pole at 1."""
     margins = link_margins(median_scenario(load_scenario(name)))
     assert margins["yaw"] is None

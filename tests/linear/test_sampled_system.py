@@ -314,10 +314,10 @@ def test_the_frequency_response_at_a_pole_of_the_system_is_refused():
         system.response(np.array([1.0, 0.25]))
 
 
-def drifting_system(shown):
-    """Return a decaying mode beside a drift that grows in time, which acts on the output if `shown` is not zero."""
+def drifting_system(output_gain):
+    """Return a system with a decaying mode and a double integrator, which acts on the output with the given gain."""
     A = np.array([[0.5, 0.0, 0.0], [0.1, 1.0, 1.0], [0.0, 0.0, 1.0]])
-    B, C = np.array([[1.0], [0.3], [0.2]]), np.array([[1.0, shown, 0.0]])
+    B, C = np.array([[1.0], [0.3], [0.2]]), np.array([[1.0, output_gain, 0.0]])
     return SampledSystem(A, B, C, np.zeros((1, 1)), 0.1, ("a", "b", "c"), ("u",), ("y",))
 
 

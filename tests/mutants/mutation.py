@@ -210,13 +210,13 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "sign", operand
         case ast.Compare(left, [operator], [right]):
             yield "condition", ast.Compare(left, [_OPPOSITE_COMPARISONS[type(operator)]()], [right])
-            if type(operator) in _BOUNDARY_COMPARISONS and (_is_whole(left) or _is_whole(right)):
+            if type(operator) in _BOUNDARY_COMPARISONS and (_is_integer(left) or _is_integer(right)):
                 yield "boundary", ast.Compare(left, [_BOUNDARY_COMPARISONS[type(operator)]()], [right])
         case ast.Compare(left, [first, *others], rights):
             yield "condition", ast.Compare(left, [_OPPOSITE_COMPARISONS[type(first)](), *others], rights)
         case ast.BoolOp(operator, values):
             yield "condition", ast.BoolOp(ast.Or() if isinstance(operator, ast.And) else ast.And(), values)
-        case ast.Constant(int()) if _is_a_guard_or_a_count(parent):
+        case ast.Constant(int()) if _is_option_or_count(parent):
             return
         case ast.Constant(bool() as value):
             yield "number", ast.Constant(not value)
@@ -272,8 +272,8 @@ def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
             yield [*nodes[:i], second, first, *nodes[i + 2 :]]
 
 
-def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
-    """Return whether an integer in a node is an option for a check, a number of samples, or a private constant."""
+def _is_option_or_count(parent: ast.AST) -> bool:
+    """Return whether a node uses an integer as a check option, as a number of samples, or as a private constant."""
     if isinstance(parent, ast.keyword):
         return parent.arg in _CHECK_ARGUMENTS
     if isinstance(parent, ast.Call):
@@ -304,8 +304,8 @@ def _is_text(node: ast.expr) -> bool:
     return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
-def _is_whole(node: ast.expr) -> bool:
-    """Return whether a node is recognisably an integer."""
+def _is_integer(node: ast.expr) -> bool:
+    """Return whether a node is an integer literal or a call of `len`."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id == "len"
     return isinstance(node, ast.Constant) and isinstance(node.value, int)

@@ -69,7 +69,7 @@ def main() -> int:
         )
         return 2
     prepare()
-    mutants = drawn(arguments.number, arguments.seed, arguments.only)
+    mutants = draw_mutants(arguments.number, arguments.seed, arguments.only)
     if not mutants:
         print(f"--only: no path of a file in drake_quad/ begins with {' or '.join(arguments.only)}", file=sys.stderr)
         return 2
@@ -77,7 +77,7 @@ def main() -> int:
     # Tests must pass with the unchanged sources. Otherwise, a failure could have another cause than the mutant.
     unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [
-        (kill, file, mutant, worth_running(tests, file, mutant, arguments.seconds))
+        (kill, file, mutant, tests_to_run(tests, file, mutant, arguments.seconds))
         for file, mutant in unchanged + mutants
     ]
     results: list[tuple[str, Mutant, Outcome]] = []
@@ -101,8 +101,8 @@ def package_of(file: str) -> str:
     return package if inside else TOP_LEVEL_MODULES
 
 
-def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
-    """Draw mutants of each package, and return pairs of a file and a mutant.
+def draw_mutants(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
+    """Draw random mutants of each package, and return pairs of a file and a mutant.
 
     A line gets a second mutant only after every line of its package has one. Packages alternate.
 
@@ -138,7 +138,7 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
     return list({package_of(file): (file, mutant) for file, mutant in reversed(mutants)}.values())
 
 
-def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
+def tests_to_run(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
     """Return the tests that may kill a mutant, in the order in which to run them, with their durations (s).
 
     Tests that run the mutant's line come first. The other tests of the same test files follow, because the lines that a

@@ -215,12 +215,12 @@ class Network:
         self.axes = ["xyz".index(axis) for axis in parameters.axes]
         self.R = math.prod(len(sets.centres) for _, sets in parameters.inputs if sets is not None)
         self.F = {axis: np.full(self.R, float(learning.initial_weight)) for axis in self.axes}
-        self.memory = {axis: self._fresh() for axis in self.axes}
+        self.memory = {axis: self._initial_memory() for axis in self.axes}
         self.resets = set()
         if getattr(learning, "reset", "never") == "at_segments":
             self.resets = {next(k for k in range(10**6) if k * h > time - 1e-9) for time in leg_times[1:]}
 
-    def _fresh(self):
+    def _initial_memory(self):
         """Return the initial covariance P₀ or the initial slope α₀."""
         learning = self.parameters.learning
         if learning.kind == "covariance":
@@ -275,7 +275,7 @@ class Network:
         limit = math.inf if learning.weight_limit is None else learning.weight_limit
         for axis in self.axes:
             if tick in self.resets:
-                self.memory[axis] = self._fresh()
+                self.memory[axis] = self._initial_memory()
             W = self.firing(axis, inputs)
             if learning.kind == "sign" or learning.signal == "feedback":
                 signal = inputs["pd"][axis] - inputs["disturbance"][axis]
@@ -285,7 +285,7 @@ class Network:
                 signal = 0.0
             F = self.F[axis] * math.exp(-learning.leakage * h)
             if learning.kind == "covariance":
-                F = F + self._by_covariance(axis, W, signal)
+                F = F + self._covariance_change(axis, W, signal)
             elif learning.kind == "gradient":
                 F = F - h * learning.rate * signal * W
             else:
@@ -293,7 +293,7 @@ class Network:
                 self.memory[axis] += 2.0 * h * learning.rate * abs(signal)
             self.F[axis] = np.clip(F, -limit, limit)
 
-    def _by_covariance(self, axis, W, signal):
+    def _covariance_change(self, axis, W, signal):
         """Update the covariance, and return the change of the weights.
 
         The update is the exact solution of eqs (16) and (17) for constant inputs over a tick, followed by bounded-gain
@@ -396,7 +396,7 @@ class Controller:
         mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.parameters.thrust_vectoring
         geometric = self.parameters.attitude is not None and self.parameters.attitude.kind == "geometric"
         yaw = reference["yaw"] if geometric else measured[5]
-        square = geometric and self.parameters.attitude.euler_sequence == "zxy"
+        is_zxy = geometric and self.parameters.attitude.euler_sequence == "zxy"
         heading = rotation(0.0, 0.0, yaw)
         forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
         # The vertical component is limited first, and then the horizontal components.
@@ -413,10 +413,10 @@ class Controller:
         jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
         attitude = np.array([roll, pitch, reference["yaw"]])
         rates, accelerations = flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
-        if square:
-            axes = square_axes(heading @ [forward, left, up], yaw)
+        if is_zxy:
+            axes = zxy_axes(heading @ [forward, left, up], yaw)
             attitude = angles_near(axes, yaw)
-            rates, accelerations = square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
+            rates, accelerations = zxy_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
         if order < 3:
             accelerations = np.zeros(3)
         if geometric:
@@ -493,8 +493,8 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     return np.array([p, q, r]), np.array([p_dot, q_dot, from_E_dot[2] + E[2] @ angle_accelerations])
 
 
-def square_axes(force, yaw):
-    """Return the body axes as columns, with z_B along a force and y_B perpendicular to the heading."""
+def zxy_axes(force, yaw):
+    """Return the body axes as columns by the Euler sequence zxy: z_B is along a force, and y_B normal to the heading."""
     z_B = force / np.linalg.norm(force)
     y_B = cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
     y_B = y_B / np.linalg.norm(y_B)
@@ -507,8 +507,8 @@ def angles_near(axes, yaw):
     return np.array([roll, pitch, yaw + math.remainder(axes_yaw - yaw, math.tau)])
 
 
-def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return body rates and angular accelerations like `flat`, but with y_B perpendicular to the heading x_C.
+def zxy_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+    """Return body rates and angular accelerations like `flat`, for the Euler sequence zxy: y_B is normal to x_C.
 
     r and its derivative follow from y_B·x_C = 0, differentiated once and twice.
     """

@@ -249,12 +249,12 @@ def allocate(wrench, nominal, priority):
     return np.sqrt(np.clip(parts @ given, low, high)), wrench - given
 
 
-def _corners(normals, places):
-    """Return the intersection points of all triples of the planes normal · x = place."""
-    triples = np.array(list(combinations(range(len(places)), 3)))
+def _corners(normals, offsets):
+    """Return the intersection points of all triples of the planes normal · x = offset."""
+    triples = np.array(list(combinations(range(len(offsets)), 3)))
     matrices = normals[triples]
     meet = np.abs(np.linalg.det(matrices)) > 1e-12
-    return np.linalg.solve(matrices[meet], places[triples[meet]][..., None])[..., 0]
+    return np.linalg.solve(matrices[meet], offsets[triples[meet]][..., None])[..., 0]
 
 
 def _least(rows):

@@ -48,7 +48,7 @@ def test_numbers_agree_with_splitmix64():
     state = np.array([1234567], dtype=np.uint64)
     states = np.concatenate([state_of_number(state, float(number)) for number in range(5)])
     assert splitmix64(states).tolist() == expected
-    # The direct computation uses 52 bits for a uniform number, and 32 bits for each normal number.
+    # The expected values use 52 bits of a word for a uniform number, and 32 bits for each of its two normal numbers.
     uniform, (first, second) = numbers_of(state, range(5), normal=False)[:, 0], normal_pairs(state, 5)[:, :, 0]
     np.testing.assert_array_equal(uniform, uniform_number(states))
     np.testing.assert_array_equal(uniform, [((w >> 12) + 0.5) / 2**52 for w in expected])
@@ -100,7 +100,7 @@ def test_uniform_numbers_have_a_uniform_distribution(states):
 
 @pytest.mark.parametrize("word", [0, 2**64 - 1])
 def test_random_bits_that_are_all_0_or_all_1_give_finite_numbers(word):
-    """Machine code computes the same number as the first number of a stream."""
+    """The test covers the NumPy formula, and machine code for which the word is the first of a stream."""
     state = np.array([inverse_splitmix64(word)], dtype=np.uint64)
     assert splitmix64(state) == word
     before = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)

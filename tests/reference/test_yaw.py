@@ -148,7 +148,7 @@ def test_scaling_a_path_does_not_change_the_yaw_along_it(scale):
 
 
 def test_the_yaw_hardly_follows_a_horizontal_motion_that_is_slow_compared_with_a_climb():
-    """The weight is full if the horizontal speed is a tenth of the top speed, and a quarter if it is half as large."""
+    """The weight of the direction is 1 if the horizontal speed is a tenth of the top speed, and 1/4 at half that speed."""
     costs = {}
     for fraction in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * fraction, 0.0, 5.0], [10.0 * fraction, 10.0 * fraction, 10.0]]

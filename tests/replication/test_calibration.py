@@ -96,7 +96,10 @@ def number(name, low=0.0, high=10.0):
 
 
 def errors_of(levels):
-    """Return a function whose errors are the level of the cell times the cubes of free parameters, plus a spread."""
+    """Return a function in place of flights, which returns invented errors of a cell.
+
+    The mean error is the level of the cell times the cubes of all free parameters.
+    """
 
     def fly(scenario, num_samples, *, compiled):
         assert compiled

@@ -1,4 +1,4 @@
-"""Claims about an invented experiment, compared with independent computations."""
+"""Tests that claims about an invented experiment agree with independent computations."""
 
 import csv
 from dataclasses import replace
@@ -178,7 +178,7 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
     assert against.verdict == "holds"
     narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
     larger = [difference_from(relative_reduction(*pair)) for pair in zip(wide, narrow, strict=True)]
-    # To first order, the change of w₀ / n₀ - w / n is the sum of the changes of the four means with these weights.
+    # The weights are the partial derivatives of w₀ / n₀ - w / n with respect to the four means (delta method).
     four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
     four = four[:, np.isfinite(four).all(axis=0)]
     w_0, n_0, w, n = four.mean(axis=1)
@@ -266,7 +266,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
 def test_claims_about_gains_are_judged(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
-    # A sample crashed with the third pair of gains on a straight line.
+    # The third pair of gains is excluded, because a sample crashed on a straight line with it.
     on_straight = min((0, 1, 3, 4, 5), key=lambda place: sum(straight[place, :8]))
     on_curved = min(range(6), key=lambda place: sum(curved[place, :8]))
     worse = fieller(curved[on_straight, 8:], curved[on_curved, 8:]) - 1.0
@@ -426,7 +426,7 @@ def test_files_contain_the_comparison_with_other_controllers_and_the_effort_rati
 
 
 def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0):
-    """Return an experiment without scatter, in which every result is 1 unless an argument states it.
+    """Return an experiment without scatter. All results are 1, except those that the arguments replace.
 
     Args:
         cells: results by (wind or None for all, controller, metric).

@@ -1,4 +1,4 @@
-"""Tests of sweeps and of the experiment: settings fly in one fleet as in single flights."""
+"""Tests of sweeps and of the experiment, in which all settings of a sweep fly in one fleet."""
 
 import numpy as np
 import pytest
@@ -116,7 +116,7 @@ def test_the_experiment_has_the_numbers_of_flights_that_the_report_states():
 
 
 def fail(what):
-    raise ArithmeticError(f"{what} is cursed")
+    raise ArithmeticError(f"{what} failed")
 
 
 def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
@@ -124,9 +124,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
         return fail("sample 1") if 1 in samples else fly_batch(job, samples)
 
     monkeypatch.setattr(monte_carlo, "fly_batch", fly_some)
-    with pytest.raises(
-        RuntimeError, match="sample 1 of hover could not be flown: .*ArithmeticError: sample 1 is cursed"
-    ):
+    with pytest.raises(RuntimeError, match="sample 1 of hover could not be flown: .*ArithmeticError: sample 1 failed"):
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path, compiled=True)
 
 

@@ -1,4 +1,4 @@
-"""Measures of flights with artificial signals."""
+"""Tests of the measures of a flight, computed from artificial signals."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the printed Table II."""
+"""Tests of Table II as printed in the paper."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Sentences and tables of the replication's report, for invented findings."""
+"""Tests of sentences and tables in the report of the replication, for invented findings."""
 
 from pathlib import Path
 
@@ -31,7 +31,10 @@ def entry(cell, quantity, printed, mean, crashed=0):
 
 
 def entries_of_table(crashed=0):
-    """Return entries of seven cells, of which two are fitted and one is not printed; efforts differ widely."""
+    """Return entries of seven cells. Two cells are fitted, and one is not printed.
+
+    The efforts deviate from the printed ones by a factor of 3.
+    """
     errors = {
         PD_CELL: (1.0, 0.99),
         NETWORK_CELL: (0.5, 0.51),

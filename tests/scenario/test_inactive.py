@@ -147,14 +147,14 @@ def test_remarks_on_a_scenario_with_a_random_route_do_not_require_a_plan():
 
 
 def test_a_user_s_kind_can_declare_which_fields_another_field_needs():
-    class Own(Model):
+    class UserKind(Model):
         rate: Number = 0.0
         limit: Annotated[Number, needs("rate")] = 1.0
         law: Literal["sign", "slope"] = "sign"
         slope: Annotated[Number, needs("law", value="slope")] = 1.0
 
     def reasons(**fields):
-        return [tuple(each) for each in Own(**fields).inactive_settings(None, "control")]
+        return [tuple(each) for each in UserKind(**fields).inactive_settings(None, "control")]
 
     assert reasons() == reasons(rate=1.0, limit=2.0, law="slope", slope=3.0) == []
     assert reasons(limit=2.0) == [("control.limit", "control.rate is 0")]

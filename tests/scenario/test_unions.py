@@ -270,19 +270,19 @@ def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     POSITION_CONTROLLERS.register(sliding_mode)
 
 
-class OwnAutopilot(AttitudeAutopilotSettings):
+class UserAutopilot(AttitudeAutopilotSettings):
     kind: Literal["own_autopilot"]
 
 
-class OwnAction(AccelerationAction):
+class UserAction(AccelerationAction):
     kind: Literal["own_action"]
 
 
-class OwnAttitude(PdAttitude):
+class UserAttitude(PdAttitude):
     kind: Literal["own_attitude"]
 
 
-class OwnControl(PolicyControl):
+class UserControl(PolicyControl):
     kind: Literal["own_control"]
 
 
@@ -293,11 +293,11 @@ POLICY_CONTROL = {"kind": "policy", "action": {"kind": "acceleration"}, "attitud
 @pytest.mark.parametrize(
     ("union", "kind", "base", "changes", "path"),
     [
-        (AUTOPILOTS, OwnAutopilot, "onboard", {}, "laboratory.autopilot"),
-        (ACTIONS, OwnAction, "figure_eight", {"control": POLICY_CONTROL}, "control.action"),
-        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {}, "control.attitude"),
-        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {"control": POLICY_CONTROL}, "control.attitude"),
-        (CONTROLS, OwnControl, "figure_eight", {"control": POLICY_CONTROL}, "control"),
+        (AUTOPILOTS, UserAutopilot, "onboard", {}, "laboratory.autopilot"),
+        (ACTIONS, UserAction, "figure_eight", {"control": POLICY_CONTROL}, "control.action"),
+        (ATTITUDE_CONTROLLERS, UserAttitude, "figure_eight", {}, "control.attitude"),
+        (ATTITUDE_CONTROLLERS, UserAttitude, "figure_eight", {"control": POLICY_CONTROL}, "control.attitude"),
+        (CONTROLS, UserControl, "figure_eight", {"control": POLICY_CONTROL}, "control"),
     ],
 )
 def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, changes, path):

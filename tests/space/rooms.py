@@ -94,7 +94,7 @@ def _edges(corners, lengths):
                 product = edges @ edges.T
                 if i < j < k and abs(product - np.diag(np.diag(product))).max() < 1e-9:
                     return edges
-    raise AssertionError("no box")
+    raise AssertionError("the hull is not a box")
 
 
 def _in_own_frame(centre, rotation, points):

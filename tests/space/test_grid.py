@@ -103,15 +103,15 @@ def test_the_length_of_a_route_without_obstacles_is_the_sum_of_its_steps(most):
     assert (steps.max(axis=1) == 1).all()
 
 
-def tunnel(room):
+def tunnel(excess):
     """Return a grid along a straight tunnel with a square section, and the indices of its middle row.
 
     Args:
-        room: distance from the middle row to the walls, less the clearance, m.
+        excess: distance from the middle row to the walls minus the clearance, m.
     """
     clearance = 0.2
     spacing = 0.1
-    aside = clearance + room + 0.5
+    aside = clearance + excess + 0.5
     solids = [Cuboid((0.5, sign * aside, 0.0), size=(3.0, 1.0, 3.0)) for sign in (-1.0, 1.0)]
     solids += [Cuboid((0.5, 0.0, sign * aside), size=(3.0, 3.0, 1.0)) for sign in (-1.0, 1.0)]
     space = Space(tuple(Obstacle(f"side {i}", solid) for i, solid in enumerate(solids)), radius=clearance)
@@ -120,10 +120,10 @@ def tunnel(room):
     return grid, middle[np.argsort(grid.points[middle, 0])]
 
 
-@pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
-def test_lengths_are_doubled_at_the_smallest_clearance_and_increased_less_at_larger_clearances(room, factor):
+@pytest.mark.parametrize(("excess", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
+def test_lengths_are_doubled_at_the_smallest_clearance_and_increased_less_at_larger_clearances(excess, factor):
     """Only the middle row is free, so all steps of the route have the same clearance."""
-    grid, row = tunnel(room)
+    grid, row = tunnel(excess)
     clearance = grid.space.clearance
     assert (grid.nearest >= clearance).sum() == len(row) == 11
     lengths, _ = grid.route_lengths(grid.points[row[:1]], clearance)

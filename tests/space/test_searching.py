@@ -1,4 +1,4 @@
-"""Tests of the parts of the search for a route: grid, regions, chains and passages."""
+"""Tests of the parts of the search for a route: grid, regions, chains of regions, and passages."""
 
 import itertools
 

@@ -185,7 +185,7 @@ def test_solids_have_unit_size_by_default():
 
 def test_a_failure_of_qhull_is_reported(monkeypatch):
     def fail(points):
-        raise scipy.spatial.QhullError("no luck")
+        raise scipy.spatial.QhullError("Qhull failed")
 
     monkeypatch.setattr(scipy.spatial, "ConvexHull", fail)
     with pytest.raises(InputError, match="no hull of 30 points was found"):

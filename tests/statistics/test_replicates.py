@@ -1,4 +1,4 @@
-"""Estimates from samples in independent replicates."""
+"""Tests of estimates from samples in independent replicates."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Subset simulation of events with known probabilities."""
+"""Tests of subset simulation for events with known probabilities."""
 
 import math
 

@@ -100,7 +100,7 @@ for address in addresses:
 
 @pytest.fixture(scope="module", autouse=True)
 def unreachable(tmp_path_factory):
-    """Studies on unreachable clusters, which wait for a timeout while the other tests run."""
+    """Start studies on unreachable clusters. They wait for a timeout while the other tests run."""
     folder = tmp_path_factory.mktemp("unreachable") / "study"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -115,7 +115,7 @@ def unreachable(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def frozen(tmp_path_factory):
-    """Study whose scheduler is frozen; it waits for a reply while the other tests run."""
+    """Start a study and freeze its scheduler. The study waits for a reply while the other tests run."""
     folder = tmp_path_factory.mktemp("frozen")
     cluster = Cluster(folder)
     cluster.add_worker()

@@ -1,4 +1,4 @@
-"""Comparisons of controllers on the same samples."""
+"""Tests of comparisons of controllers on the same samples."""
 
 import math
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Studies with correlated random parameters: reproducibility and influences."""
+"""Tests of studies with correlated random parameters: reproducibility and influences."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Search for worst cases."""
+"""Tests of the search for worst cases."""
 
 import math
 

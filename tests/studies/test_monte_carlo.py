@@ -206,7 +206,7 @@ def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
-class Failing:
+class FailingFlights:
     """Function that flies batches, but fails a number of times for batches with a certain sample."""
 
     def __init__(self, folder, how, times):
@@ -219,14 +219,14 @@ class Failing:
             if attempt < self.times:
                 if self.how == "dies":
                     os.kill(os.getpid(), signal.SIGKILL)
-                raise ArithmeticError("sample 7 is cursed")
+                raise ArithmeticError("sample 7 failed")
         return fly_batch(job, samples)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["raises", "dies"])
 def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "fly_batch", Failing(tmp_path, how, 1))
+    monkeypatch.setattr(run_module, "fly_batch", FailingFlights(tmp_path, how, 1))
     found = run()
     assert_same(found, whole[1])
     assert not found.failures
@@ -235,14 +235,14 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("how", "reason"),
-    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
+    [("raises", "ArithmeticError: sample 7 failed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
 def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reason, tmp_path, monkeypatch):
     """The batch of 5 is split into 2 and 3 samples, and the 3 samples are split again. A later run flies the sample."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
-        patch.setattr(run_module, "fly_batch", Failing(attempts, how, 99))
+        patch.setattr(run_module, "fly_batch", FailingFlights(attempts, how, 99))
         found = run(folder)
     assert len(list(attempts.iterdir())) == 3
     assert found.failures == {7: reason}
@@ -253,15 +253,15 @@ def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reaso
     assert not (folder / "failed.csv").exists()
 
 
-def never(job, samples):
-    raise ArithmeticError(f"all {len(samples)} are cursed,\nand for long: {'x' * 1000}")
+def fail_always(job, samples):
+    raise ArithmeticError(f"all {len(samples)} samples failed,\nwith a long message: {'x' * 1000}")
 
 
 def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "fly_batch", never)
+    monkeypatch.setattr(run_module, "fly_batch", fail_always)
     words = (
-        r"the first 8 samples all failed, each flown alone: ArithmeticError: all 1 are cursed, and for long: x+"
-        r"\.\.\.; 0 of 24 samples are in .*results\.csv"
+        r"the first 8 samples all failed, each flown alone: ArithmeticError: all 1 samples failed, with a long"
+        r" message: x+\.\.\.; 0 of 24 samples are in .*results\.csv"
     )
     with pytest.raises(RuntimeError, match=words):
         run(tmp_path, num_workers=1)
@@ -583,7 +583,7 @@ def test_a_trial_of_user_systems_with_different_results_explains_the_difference(
 
 
 def test_a_trial_of_user_systems_reports_invalid_input_but_not_other_failures():
-    trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: cursed")
+    trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: no flight")
     with pytest.raises(InputError, match="^the wings are missing$"):
         trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", invalid_input=True)
     with pytest.raises(InputError, match="^mine.py:3: KeyError: 'gain'$"):
@@ -626,28 +626,28 @@ def test_a_given_seed_replaces_the_seed_of_the_scenario():
 def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
     attempts, seen = tmp_path / "attempts", []
     attempts.mkdir()
-    monkeypatch.setattr(run_module, "fly_batch", Failing(attempts, "raises", 99))
+    monkeypatch.setattr(run_module, "fly_batch", FailingFlights(attempts, "raises", 99))
     run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *counts: seen.append(counts))
     assert seen == [(0, 8), (4, 8), (6, 8), (7, 8), (8, 8)]
 
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
-    given_up = []
+    abandoned = []
 
-    class Here(PoolWithGivenOutcome):
+    class RecordingPool(PoolWithGivenOutcome):
         def submit(self, function, given):
-            self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
+            self.outcome = Outcome(given, None if fails else function(given), "no flight" if fails else "")
 
         def abandon(self):
-            given_up.append(True)
+            abandoned.append(True)
 
     if fails:
-        with pytest.raises(RuntimeError, match="cursed; nothing was written"):
-            run(num_samples=8, batch_size=1, executor=Here(None))
+        with pytest.raises(RuntimeError, match="no flight; nothing was written"):
+            run(num_samples=8, batch_size=1, executor=RecordingPool(None))
     else:
-        assert len(run(num_samples=2, batch_size=1, executor=Here(None)).samples) == 2
-    assert given_up == [True]
+        assert len(run(num_samples=2, batch_size=1, executor=RecordingPool(None)).samples) == 2
+    assert abandoned == [True]
 
 
 @pytest.mark.slow

@@ -163,7 +163,7 @@ def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
     assert workers._workers == []
 
 
-class Fake:
+class FakeWorker:
     """Worker with a known outcome."""
 
     def __init__(self, time_left, outcome, *, busy=True, ended=False):
@@ -178,13 +178,13 @@ def test_the_wait_ends_at_the_first_deadline(monkeypatch):
     waits = []
     monkeypatch.setattr(processes, "wait", lambda waitables, timeout: waits.append((waitables, timeout)))
     workers = Workers(4)
-    late, early = Fake(7.0, Outcome(1)), Fake(2.5, Outcome(2), ended=True)
-    idle, working = Fake(0.5, Outcome(3), busy=False), Fake(9.0, None)
+    late, early = FakeWorker(7.0, Outcome(1)), FakeWorker(2.5, Outcome(2), ended=True)
+    idle, working = FakeWorker(0.5, Outcome(3), busy=False), FakeWorker(9.0, None)
     workers._workers = [late, early, idle, working]
     assert workers.next_outcomes() == [Outcome(1), Outcome(2)]
     assert waits == [([late, "sentinel", early, "sentinel", working, "sentinel"], 2.5)]
     assert workers._workers == [late, idle, working]
-    workers._workers = [Fake(math.inf, Outcome(4))]
+    workers._workers = [FakeWorker(math.inf, Outcome(4))]
     workers.next_outcomes()
     assert waits[-1][1] is None
 

@@ -1,4 +1,4 @@
-"""Rare events of scenarios."""
+"""Tests of estimated probabilities of rare events."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sobol indices of functions with known indices, and of scenarios."""
+"""Tests of Sobol indices, for functions with known indices and for scenarios."""
 
 import math
 from types import SimpleNamespace

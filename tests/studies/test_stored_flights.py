@@ -1,4 +1,4 @@
-"""Searches with several workers, and searches that are resumed."""
+"""Tests of searches with several workers, and of searches that are resumed."""
 
 from collections import namedtuple
 from concurrent.futures import ThreadPoolExecutor

@@ -39,14 +39,14 @@ def test_a_sample_counts_as_present_whatever_its_values(hover):
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing(5)], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
-    rows.add(Outcome([4], reason="cursed"))
-    assert (len(rows), [*rows.missing(5)], rows.failures) == (2, [0, 2], {4: "cursed"})
+    rows.add(Outcome([4], reason="unstable"))
+    assert (len(rows), [*rows.missing(5)], rows.failures) == (2, [0, 2], {4: "unstable"})
     assert rows.rows[:, 0].tolist() == [1.0, 3.0]
     rows.add(Outcome([0], table([0])))
     rows.add(Outcome([2], reason="late"))
     study = rows.study()
     assert study.samples.tolist() == [0, 1, 3]
-    assert list(study.failures.items()) == [(2, "late"), (4, "cursed")]
+    assert list(study.failures.items()) == [(2, "late"), (4, "unstable")]
     assert (study.scenario, study.duration, study.invalid_lines) == (hover, 2.0, ())
     np.testing.assert_array_equal(study.metrics.rmse, [0.5, np.nan, np.nan])
 
@@ -87,8 +87,8 @@ def test_the_rows_in_a_folder_are_sorted_at_the_end(hover, tmp_path):
 
 def test_failures_are_recorded_until_all_samples_have_flown(hover, tmp_path):
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=False) as rows:
-        rows.add(Outcome([1], reason="cursed"))
-    assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
+        rows.add(Outcome([1], reason="unstable"))
+    assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,unstable\n"
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True) as rows:
         assert [*rows.missing(2)] == [0, 1]
         rows.add(Outcome([0, 1], table([0, 1])))

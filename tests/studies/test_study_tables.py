@@ -29,7 +29,7 @@ def scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def study(scenario):
-    """Study of three samples, of which the second crashed."""
+    """Return a study of three samples, of which the second crashed."""
     batch = Batch.draw(scenario, [1, 3, 4])
     numbers = np.arange(3.0 * (len(Metrics._fields) - 1)).reshape(-1, 3)
     numbers[2, 2] = math.nan
@@ -117,7 +117,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(study, tmp_path, monk
 
 @pytest.fixture(scope="module")
 def folders(scenario, tmp_path_factory):
-    """Folder of two studies, one of them with failed samples, and another file."""
+    """Return a folder with two studies and another file. One of the studies has failed samples."""
     parent = tmp_path_factory.mktemp("controllers")
     for name, seed in (("pd", 0), ("indi", 1)):
         run_monte_carlo(scenario, 2, seed, folder=parent / name, num_workers=1)

@@ -37,25 +37,25 @@ class InProcessPool(WorkerPool):
         self.in_transit.clear()
 
 
-def fly(cursed):
+def fly(failing):
     def flown(samples):
-        if cursed & set(samples):
-            raise ArithmeticError("cursed")
+        if failing & set(samples):
+            raise ArithmeticError("no flight")
         return np.array([[sample] for sample in samples])
 
     return flown
 
 
 @given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
-def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, size, capacity):
+def test_exactly_the_samples_that_fail_in_single_flights_are_failures(failing, size, capacity):
     pool = InProcessPool(capacity)
     batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
-    outcomes = list(fly_batches(pool, fly(cursed), batches))
-    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
+    outcomes = list(fly_batches(pool, fly(failing), batches))
+    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(failing)
     flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
-    assert sorted(flown) == sorted(set(range(40)) - cursed)
+    assert sorted(flown) == sorted(set(range(40)) - failing)
     # A failing sample causes at most two further flights each time that its batch is halved.
-    assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
+    assert len(pool.done) <= len(batches) + 2 * len(failing) * int(np.ceil(np.log2(max(size, 2))) + 1)
 
 
 def test_a_failing_batch_is_halved_down_to_single_samples():
@@ -66,7 +66,9 @@ def test_a_failing_batch_is_halved_down_to_single_samples():
 
 def test_a_study_ends_after_eight_failures_of_single_samples_without_a_success():
     pool = InProcessPool(3)
-    with pytest.raises(RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: cursed"):
+    with pytest.raises(
+        RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: no flight"
+    ):
         list(fly_batches(pool, fly(set(range(40))), [range(40)]))
     assert sum(len(samples) == 1 for samples in pool.done) == 8
     failures = [

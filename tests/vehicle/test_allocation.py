@@ -292,7 +292,7 @@ def test_rounding_errors_move_no_rotor_below_its_limit(allocate, priority):
 
 
 def test_rounding_errors_move_no_rotor_above_its_limit():
-    """This applies to the general allocation, whose coefficients are less exact than those of pairs."""
+    """The test covers `allocate`, which has larger rounding errors than `allocate_to_pairs`."""
     rng = np.random.default_rng(3)
     speeds, _ = allocate(Wrench(*(rng.normal(size=(300, 4)) * [10.0, 3.0, 3.0, 0.3]).T), ROTORS)
     assert np.max(speeds) <= 300.0

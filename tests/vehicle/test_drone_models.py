@@ -41,7 +41,8 @@ class Drone:
         self.roll, self.pitch, self.yaw = self.numbers["mixing_matrix"] * [[arm], [arm], [1.0]]
         _, _, self.gravity = -self.numbers["gravity_vec"]
         self.inertia, self.drag = np.diag(self.numbers["J"]), -np.diag(self.numbers["drag_matrix"])
-        # A rotor that turns clockwise seen from above yaws the body to the left, so directions are -yaw.
+        # A rotor that turns clockwise seen from above yaws the body to the left. Therefore, the direction of a rotor
+        # in this library is the negative yaw coefficient of the package.
         self.thrust_factor, self.drag_factor = (
             self.numbers[name][2] / RAD_S_PER_RPM**2 for name in ("rpm2thrust", "rpm2torque")
         )

@@ -1,4 +1,4 @@
-"""Blocks and connections of a drawing have the names and sizes of a small diagram."""
+"""Tests of the labels and shapes of blocks and connections in the drawing of a small diagram."""
 
 import re
 from itertools import pairwise

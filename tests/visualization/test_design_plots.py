@@ -1,4 +1,4 @@
-"""Plots of designs, stability maps, plans and sensitivities show the right values."""
+"""Tests that plots of designs, stability maps, plans and sensitivities show the right values."""
 
 import dataclasses
 import math
@@ -164,8 +164,10 @@ def metrics_of(rmse, crashed):
 
 @pytest.fixture(scope="module")
 def panels():
-    """Return panels and their values. Gains with k_D below k_P / 4 are unstable, and flights with the largest gains
-    crash."""
+    """Return panels and their values.
+
+    Gains with k_D below k_P / 4 are unstable, and flights with the largest gains crash.
+    """
     first, second = np.linspace(1.0, 5.0, 9), np.linspace(0.5, 3.5, 13)
     k_p, k_d = np.meshgrid(first, second, indexing="ij")
     size = 1.0 + 0.1 * (0.25 * k_p - k_d)

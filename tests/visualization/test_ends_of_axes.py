@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins, ticks are at round numbers, and overlapping curves are dashed."""
+"""Tests that axes contain all curves, that ticks are at round numbers, and that overlapping curves are dashed."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Maps of flights show which flights crash, violate a requirement or satisfy all of them."""
+"""Tests that maps show which flights crash, violate a requirement or satisfy all requirements."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Plots of a flight show its signals in the units of their labels."""
+"""Tests that plots of a flight show its signals in the units of their labels."""
 
 from dataclasses import replace
 

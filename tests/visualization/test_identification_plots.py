@@ -1,4 +1,4 @@
-"""Plots of an identification show its forecasts, residuals, thrust curve, correlations and prediction errors."""
+"""Tests of plots of an identification: forecasts, residuals, thrust curve, correlations and prediction errors."""
 
 from dataclasses import replace
 

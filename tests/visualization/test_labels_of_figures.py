@@ -1,4 +1,4 @@
-"""Every axis of a figure has a label with a unit, and every legend identifies the curves."""
+"""Tests that every axis of a figure has a label with a unit, and that every legend identifies the curves."""
 
 import pytest
 from figure_content import legends

@@ -1,4 +1,4 @@
-"""Plots of a network show its commands, its weights and its correction of the command."""
+"""Tests that plots of a network show its commands, its weights and its correction of the command."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Sliders and buttons of a live flight change the simulation, which otherwise equals that of `simulate`."""
+"""Tests of live flights: sliders and buttons change the simulation, which otherwise equals that of `simulate`."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""Only a few waypoints are numbered, cameras have a uniform scale, and vehicles have suitable parts and colours."""
+"""Tests of waypoint numbers, camera scales, and the parts and colours of drawn vehicles."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Overview figures show the signals of their flights and the statistics of their studies."""
+"""Tests that overview figures show the signals of their flights and the statistics of their studies."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Panels of a figure share their axes and fill the figure, and overlapping curves are dashed."""
+"""Tests that panels of a figure share their axes and fill the figure, and that overlapping curves are dashed."""
 
 import numpy as np
 import pytest

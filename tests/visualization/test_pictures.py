@@ -1,4 +1,4 @@
-"""Figures are legible: labels have a background, overlapping curves are dashed, and legends identify the curves."""
+"""Tests that figures are legible: labels have a background, and each curve is visible and has a legend entry."""
 
 from itertools import pairwise
 

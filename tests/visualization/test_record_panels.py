@@ -1,4 +1,4 @@
-"""Each panel of a flight log's plot shows its signals in the unit of its label."""
+"""Tests that each panel of a flight log's plot shows its signals in the unit of its label."""
 
 import numpy as np
 import pytest

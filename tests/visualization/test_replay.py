@@ -1,4 +1,4 @@
-"""Replays work in a real browser, if one is installed."""
+"""Tests of replays in a real browser, if one is installed."""
 
 import itertools
 import json

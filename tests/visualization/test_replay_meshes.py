@@ -1,4 +1,4 @@
-"""Surfaces of a replay have no holes, and the page of a replay has its title, legend and duration."""
+"""Tests of the surfaces of a replay, and of the title, the legend and the duration on its page."""
 
 import json
 import re

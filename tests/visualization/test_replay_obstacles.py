@@ -1,4 +1,4 @@
-"""Replays show obstacles, name them, and report crashes into them."""
+"""Tests that replays show and name obstacles, and report crashes into them."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Drawn parts are no larger than their vehicle, and trails, rotors and frame rates match the flight."""
+"""Tests that drawn parts are no larger than their vehicle, and that trails, rotors and frames match the flight."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Scenes of replays call Meshcat with the right objects, poses and motions."""
+"""Tests that scenes of replays call Meshcat with the right objects, poses and motions."""
 
 import json
 from dataclasses import replace

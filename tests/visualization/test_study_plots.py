@@ -1,4 +1,4 @@
-"""Plots of studies show the statistics of their samples."""
+"""Tests that plots of studies show the statistics of their samples."""
 
 import math
 

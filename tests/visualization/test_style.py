@@ -1,4 +1,4 @@
-"""Figures have the style of the project and are written reproducibly."""
+"""Tests that figures have the style of the project and are written reproducibly."""
 
 from typing import get_args
 

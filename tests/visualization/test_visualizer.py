@@ -1,4 +1,4 @@
-"""The Meshcat visualizer shows poses, rotors, wind and trail of a simulation in diagrams of plain Drake."""
+"""Tests that the Meshcat visualizer shows poses, rotors, wind and trail in diagrams of plain Drake."""
 
 import numpy as np
 import pytest

@@ -63,7 +63,10 @@ def amplitudes(signal):
 
 @pytest.mark.parametrize(("bandwidth", "rate"), [(None, 400), (600.0, 400), (None, 2048)])
 def test_vibration_appears_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth, rate):
-    """One rotor turns at 180 Hz. After sampling at 400 Hz, its second harmonic appears at 40 Hz, filtered as 360 Hz."""
+    """One rotor turns at 180 Hz. With 400 readings per second, its second harmonic at 360 Hz appears at 40 Hz.
+
+    The filter acts before the sampling, so it attenuates the second harmonic like a signal of 360 Hz.
+    """
     frequency = 180
     speed, gain = 2.0 * np.pi * frequency, {1: 1.0, 2: 1.0}
     settings = {"position": CENTRE} if bandwidth is None else {"position": CENTRE, "bandwidth": bandwidth}
@@ -84,7 +87,7 @@ def test_vibration_appears_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth
 
 
 def test_the_amplitude_at_the_centre_of_mass_is_the_force_divided_by_the_mass():
-    """At the centre of mass, the acceleration by all rotors is Σ u_i Ω_i² / m in phase."""
+    """All rotors are in phase, so the acceleration of the centre of mass is Σ u_i Ω_i² / m."""
     speed, rate = 2.0 * np.pi * 90, 400
     vibration = {"unbalance": [1e-6, 0.0, 3e-6, 0.0]}
     measured = readings("accelerometer", lambda k: (speed,) * 4, rate, vibration, period=1.0 / rate, position=CENTRE)
@@ -123,7 +126,7 @@ def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_ma
 
 @pytest.mark.parametrize("kind", LAWS)
 def test_the_filtered_vibration_agrees_with_a_filter_in_continuous_time(kind):
-    """`scipy.signal.lsim` filters a densely sampled vibration. The transient of the filter decays as exp(-8)."""
+    """`scipy.signal.lsim` filters a densely sampled vibration. The first 8 time constants, a transient, are ignored."""
     period, speeds, bandwidth = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0), 800.0
     unfiltered, filtered = (
         readings(kind, lambda k: speeds, 1200, period=period, **settings) for settings in ({}, {"bandwidth": bandwidth})
