@@ -193,7 +193,7 @@ class HoverWrench(LeafSystem):
         )
 
 
-def test_a_user_s_control_needs_only_a_wrench(figure_eight):
+def test_a_user_defined_control_needs_only_a_wrench_output(figure_eight):
     flight = simulate(figure_eight("route={kind: hover}"), control=HoverWrench())
     np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=1e-9)
     assert "pd" not in flight.signals

@@ -163,7 +163,7 @@ def test_a_misspelt_name_in_a_system_is_refused_with_close_matches():
         system.set_state(context, "x", ())
 
 
-def test_a_user_s_wind_may_have_random_inputs(diagrams):
+def test_a_user_defined_wind_may_have_random_inputs(diagrams):
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
     winds = [DrydenTurbulence(parameters=TurbulenceParameters(turbulence)) for _ in range(3)]

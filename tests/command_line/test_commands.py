@@ -842,7 +842,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
 
 
 def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
-    """The file contains all flights, so the script flies none.
+    """The file contains the results of all flights, so the script simulates none.
 
     In the second flight only the inertia was identified, and in the third flight nothing.
     """

@@ -192,7 +192,7 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     assert result.returncode == 2
     first, *traceback = [each for each in result.stderr.splitlines() if not each.startswith("remark: ")]
     assert first.startswith(f"error: {message.format(file=file)}")
-    # A study prints no traceback, because its workers pass on only the message of an error.
+    # A study prints no traceback, because its worker processes return only the message of an error.
     assert source_line in "".join(traceback) or command == ["study"]
     assert "drake_quad" not in "".join(traceback)
 

@@ -33,7 +33,7 @@ from drake_quad.space.space import Obstacle, Space
 
 @pytest.fixture
 def designed(replaced):  # noqa: F811
-    """Let the command `design` use a stub that returns constant gains, and return all recorded calls of stubs."""
+    """Replace the computations of the command `design` by stubs with constant gains, and return the recorded calls."""
 
     def design(scenario, *_, on_board, integral):
         rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}

@@ -217,7 +217,7 @@ each_user_system = pytest.mark.parametrize(
 
 @pytest.mark.slow
 @each_user_system
-def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenario, plan, part, make):
+def test_a_flight_with_a_user_defined_system_is_the_same_compiled_and_uncompiled(scenario, plan, part, make):
     flights = [simulate(scenario, plan=plan, compiled=compiled, **{part: make()}) for compiled in (True, False)]
     assert_flights_alike(*flights)
     assert not np.allclose(flights[0]["wrench"], simulate(scenario, plan=plan)["wrench"], rtol=1e-3)
@@ -225,7 +225,7 @@ def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenar
 
 @pytest.mark.slow
 @each_user_system
-def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flights(scenario, plan, part, make):
+def test_compiled_and_uncompiled_fleets_with_a_user_defined_system_have_the_same_flights(scenario, plan, part, make):
     """Each fleet simulates two batches of samples, and both fleets have the same results."""
     user_systems = UserSystems(**{part: make})
     fleets = [StudyFleet(scenario, plan, 5, user_systems=user_systems, compiled=compiled) for compiled in (True, False)]

@@ -119,8 +119,8 @@ def counters(builder, n, **structure):
     }
 
 
-# Keyword arguments of `Counter`: the defaults; an unrestricted update at time zero; another period of the discrete
-# update and of its ticks; and another period of the unrestricted update.
+# These keyword arguments of `Counter` change nothing, add an unrestricted update at time zero, change the period of the
+# discrete update and of its ticks, or change the period of the unrestricted update.
 COUNTER_STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
 
 
@@ -272,7 +272,7 @@ class DrakeMethodCounter(FleetSystem):
 
 
 @pytest.mark.parametrize("event", ["Periodic", "PerStep", "Initialization"])
-def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(event):
+def test_a_system_with_an_event_that_is_declared_by_a_method_of_drake_is_refused(event):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
         return {"memory": builder.AddNamedSystem("own", DrakeMethodCounter(event=event)).get_output_port()}

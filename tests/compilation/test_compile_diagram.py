@@ -69,7 +69,7 @@ def assert_equal_at(uncompiled, compiled, context):
         assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
 
 
-# Name of the controller, number of vehicles, and overrides.
+# Each scenario consists of the name of a controller, the number of vehicles, and overrides.
 COMPLETE_SCENARIOS = [
     ("pid", 1, ()),
     ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
@@ -220,7 +220,7 @@ def test_reading_the_state_of_an_uncompiled_system_is_refused(compiled, path):
 
 
 @pytest.mark.slow
-def test_the_monitor_of_drakes_simulator_observes_the_same_flight(uncompiled, compiled):
+def test_the_monitor_of_the_simulator_of_drake_observes_the_same_flight(uncompiled, compiled):
     """With the uncompiled and the compiled diagram, the monitor is called at equal times with equal states."""
     observed = []
     for diagram in (uncompiled, compiled):

@@ -181,7 +181,7 @@ def test_a_network_corrects_any_controller_and_reads_its_disturbance_estimate():
 
 @pytest.mark.parametrize("leads", [False, True])
 def test_a_controller_receives_the_disturbance_learned_for_the_present_position(leads):
-    """The correction is evaluated at the position after the lead time, the learned disturbance at the current one."""
+    """The correction is evaluated at the position after the lead time, and the disturbance at the current position."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, parameters=FuzzyRulesParameters((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()

@@ -73,7 +73,7 @@ def outputs_of_scenario(parameters, recorded):
 @pytest.mark.slow
 @pytest.mark.parametrize("tuned", [False, True])
 def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, tuned):
-    """At the beginning of the recorded flight no limit is active, and at the end all limits are.
+    """No limit is active at the beginning of the recorded flight, and all limits are active at its end.
 
     The tuned parameters also activate all terms and filters that are off by default.
     """

@@ -214,7 +214,6 @@ ASYMMETRIC_VEHICLE = [
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
 def test_poles_of_designed_loops_are_poles_of_the_whole_diagram(shipped, overrides):
-    """The poles of the designed inner and outer loops are also poles of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(nominal_hover(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
@@ -583,7 +582,7 @@ def test_the_gains_of_a_regulator_are_found_to_four_digits():
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=5e-5)
 
 
-def test_the_derivatives_of_the_regulator_s_cost_match_finite_differences(pitch, monkeypatch):
+def test_the_derivatives_of_the_regulator_cost_match_finite_differences(pitch, monkeypatch):
     found = []
 
     def compare(function, start, **options):
@@ -646,7 +645,6 @@ def pid_design():
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
 def test_poles_of_loops_with_a_designed_pid_are_poles_of_the_whole_diagram(integration, pid_design):
-    """The poles of the designed loops are also poles of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     diagram_poles = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):

@@ -268,10 +268,7 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 def test_a_design_assumes_the_delay_with_the_smallest_cost_and_limits_the_command_of_each_axis(
     low_wind, diagrams, monkeypatch, name, best_delay
 ):
-    """The command along x and y is an acceleration for an autopilot, and a snap otherwise.
-
-    The command along z is an acceleration.
-    """
+    """The command along z is an acceleration. Along x and y, it is an acceleration with an autopilot, else a snap."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
     stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw_pd": shipped.control.yaw}
@@ -400,7 +397,7 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
 
 
 class SearchWithKnownOptimum(lqg_design._LqgSearch):
-    """Search whose cost is the squared distance from known logarithms, but at most 9."""
+    """Search with a known cost: the squared distance from given logarithms of the parameters, but at most 9."""
 
     best = np.log([3e-3, 0.7, 40.0])
 

@@ -57,7 +57,7 @@ def test_derivatives_match_differences_of_whole_flights(windy):
 
 
 @pytest.mark.long
-def test_the_derivative_for_a_nominal_value_includes_the_vehicle_s_value_unless_the_scenario_sets_it():
+def test_the_derivative_for_a_nominal_value_includes_the_vehicle_value_unless_the_scenario_sets_it():
     """`--set nominal.mass` also changes `vehicle.mass`, unless the scenario sets `vehicle.mass`."""
     path = ROOT / "diagrams" / "figure_eight.yaml"
     for overrides in ([], ["vehicle.mass=0.68"]):

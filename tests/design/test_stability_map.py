@@ -62,7 +62,6 @@ def test_a_position_loop_without_k_p_is_not_stable(scenario):
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
-    """The poles at a point of the map are also poles of the whole diagram with the gains at this point."""
     overrides = [
         "nominal.inertia=[0.0065, 0.0085, 0.0126]",
         "vehicle.mass=0.75",

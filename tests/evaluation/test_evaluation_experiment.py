@@ -68,7 +68,7 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
         count = 3 if uncompiled else 7
         for laboratory, flown in zip(("gale", "calm"), found, strict=True):
             assert flown == (laboratory, name, ("flown", (laboratory, name), count, not uncompiled))
-        # A network has the margin of the controller to which it is added.
+        # The margins of a controller with a network are those of the same controller without it.
         base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
         tolerated = last[2].delay_flown
@@ -289,7 +289,7 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """Replace the tuning by a function that returns the middle of each range, and record its arguments."""
+    """Replace the tuning by a stub that returns the middle of each range, and return its recorded arguments."""
     calls = []
 
     def tune(scenarios, parameters, fractions, *, budget, extra_latency=0.0, before=None, progress=None):

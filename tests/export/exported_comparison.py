@@ -40,6 +40,6 @@ def commands(scenario, folder, *, precision="double", machine="host", num_steps=
         if step % description.output_divisor == 0:
             expected.append(expected_now)
             found.append(np.frombuffer(outputs, description.number_type).astype(float))
-        # Drake updates the state at the beginning of a step, with these inputs.
+        # Drake updates the state at the beginning of a step, with the inputs that were just fixed.
         simulator.AdvanceTo((step + 1) * description.period)
     return np.array(expected), np.array(found)

@@ -59,7 +59,8 @@ def nan_after_failure(time):
     return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
-# Scenario, part of the loop that the user's system replaces, and signal and component that become non-finite.
+# Each case has a scenario, the part of the loop that a user-defined system replaces, and the signal and the component
+# that become non-finite.
 FAILING_OUTPUTS = [
     ("hover", "position_controller", "acceleration_command", "y"),
     ("hover", "control", "wrench", "tau_x"),
@@ -84,7 +85,7 @@ def test_the_report_names_the_non_finite_output_of_a_user_system(spec, part, sig
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
-# First non-finite tick of each signal, names of the user's systems, and the expected cause.
+# Each case has the first non-finite tick of each signal, the names of user-defined systems, and the expected cause.
 FIRST_CAUSES = [
     ({"acceleration_command": 3, "wrench": 2}, (), "tau_x of `wrench` was nan at 0.04 s"),
     ({"wrench": 2, "acceleration_command": 2}, (), "y of `acceleration_command` was nan at 0.04 s"),

@@ -44,7 +44,7 @@ def test_a_flight_that_stops_early_has_the_signals_of_the_whole_flight_until_the
             simulate(scenario, until=until)
 
 
-def test_an_error_in_a_users_system_is_not_hidden(diagrams):
+def test_an_error_in_a_user_defined_system_is_not_hidden(diagrams):
     class Failing(LeafSystem):
         def __init__(self):
             super().__init__()

@@ -82,7 +82,7 @@ def test_equal_arguments_have_the_same_key_although_they_are_not_the_same_object
     assert _identity([shared, shared]) == _identity([(1.0, "a"), (float("1"), "a")])
 
 
-def test_a_result_that_depends_on_a_user_s_model_class_is_not_cached(folder):
+def test_a_result_that_depends_on_a_user_defined_model_class_is_not_cached(folder):
     class Settings(Model):
         gain: float = 1.0
 

@@ -59,7 +59,7 @@ def zero_reward(step):
 @pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(mode):
-    """This holds for user-defined metrics and for requirements, and also for later episodes of a vehicle."""
+    """The metrics include user-defined ones and requirements. Later episodes of a vehicle are checked as well."""
     reward = TrackingReward(tracking=0.0, effort=0.0, variation=0.0, crash=0.0, metrics=METRIC_WEIGHTS)
     envs = task({**ADDITIONAL_METRICS, "mean_height": {}}, reward=reward, autoreset_mode=mode)
     envs.reset(seed=3)

@@ -53,7 +53,7 @@ def columns(steps, index):
 
 @pytest.mark.long
 @pytest.mark.parametrize("action", ACTION_TYPES)
-def test_each_vehicle_flies_as_in_drakes_simulator(action):
+def test_each_vehicle_flies_as_in_the_simulator_of_drake(action):
     """State and reference agree within 1e-9 at every tick of every episode, and observations within 1e-6."""
     observation = {
         "signals": ["position_error", "velocity_error", "rotation", "body_rates", "action", "wind"],
@@ -299,7 +299,6 @@ def test_environments_are_registered_and_wrapped():
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
 def test_the_task_does_not_depend_on_the_heading_if_observations_rotate_with_it(action):
-    """Observations and rewards are the same for another heading."""
     observation = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []
     for yaw in (0.0, 2.0):

@@ -214,7 +214,7 @@ def test_the_correlation_time_is_the_lag_at_which_the_noise_free_autocorrelation
 
 @pytest.mark.parametrize(("yaw", "slowness"), [(0.0, 1.0), (0.5 * np.pi, 1.0), (0.0, 60.0)])
 def test_drag_is_estimated_separately_along_body_x_and_body_y(yaw, slowness):
-    """The wind is chosen so that its drag is exactly the force that accelerates a level vehicle.
+    """The wind is chosen so that its drag equals the force that accelerates a level vehicle.
 
     Force and air speed are averaged over 0.1 s, or over one sample of a slow log.
     """

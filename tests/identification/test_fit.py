@@ -464,9 +464,9 @@ def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
     monkeypatch: pytest.MonkeyPatch, mean: float, starts_again: bool, is_likelier: bool
 ) -> None:
-    """The search is repeated from the prior mean if the result is more than two prior standard deviations away from it.
+    """A result is far from the prior if it is more than two prior standard deviations away from the prior mean.
 
-    The fit with the larger likelihood is returned.
+    The search then starts again at the prior mean, and the fit with the larger likelihood is returned.
     """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, point, factors: point)

@@ -91,7 +91,7 @@ def test_noise_is_estimated_only_far_from_take_off_and_landing():
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
 
 
-def test_noise_is_the_size_of_third_differences_over_the_norm_of_their_coefficients():
+def test_noise_is_the_magnitude_of_third_differences_divided_by_the_norm_of_their_coefficients():
     """The third differences of an alternating signal are eight times its amplitude."""
     values = 1e-3 * np.outer(np.where(np.arange(400) % 2, 1.0, -1.0), [1.0, 2.0, 3.0])
     (noise,) = white_noise(FlightRecord("log", 0.01 * np.arange(400), position=values))

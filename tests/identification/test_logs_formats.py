@@ -347,7 +347,7 @@ def test_the_topic_with_most_messages_of_a_type_is_read():
     }
     assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
     assert content.remarks == ["3 topics have the type sort/One; /many is read, which has the most messages"]
-    # The clock begins with the first message of all topics.
+    # Times are relative to the first message of any topic.
     for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
         np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))
 

@@ -199,10 +199,10 @@ def test_axes_of_a_cascade_have_individual_gains():
 
 
 def test_integral_gains_are_not_negative():
-    """Negative values that follow from the gains of the law are replaced by zero.
+    """An integral gain of a loop that would be negative is set to zero.
 
-    The integral gain of the velocity loop follows from the gain of the displacement. The integral gain of the position
-    loop follows from the rest of the integral gain of the law.
+    The displacement gain of the law determines the integral gain of the velocity loop. The rest of the law's integral
+    gain determines the integral gain of the position loop.
     """
     base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
     control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})

@@ -277,7 +277,7 @@ def test_correlated_samples_are_less_informative_than_independent_ones():
 
 
 def fit_with(residuals, terms=("position", "velocity"), free=("delay",), last=1.0):
-    """Return a fit whose last gain and last nonlinear parameter are both `last`."""
+    """Return a fit with given residuals, whose last gain and last nonlinear parameter both have the value `last`."""
     shape = Shape()._replace(**{free[-1]: last})
     return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, residuals, 0.9)
 

@@ -265,7 +265,7 @@ def test_a_violated_limit_beyond_the_horizon_has_no_influence():
 
 
 def test_the_programme_has_a_solution_for_any_deviation():
-    """Deviations may have any size. The solution satisfies the limits on commands."""
+    """The solution satisfies the limits on commands."""
     regulator = design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     horizon = horizon_of("torques")
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
