@@ -771,10 +771,10 @@ def test_the_shipped_raptor_weights_equal_those_of_its_package(run, tmp_path):
     pytest.importorskip("foundation_policy")
     result = run("write_raptor.py", "--output", str(tmp_path))
     assert result.returncode == 0, result.stderr
-    with np.load(tmp_path / "raptor.npz") as found, np.load(ROOT / "diagrams" / "policies" / "raptor.npz") as shipped:
-        assert found.files == shipped.files
-        for name in found.files:
-            np.testing.assert_array_equal(found[name], shipped[name])
+    with np.load(tmp_path / "raptor.npz") as actual, np.load(ROOT / "diagrams" / "policies" / "raptor.npz") as shipped:
+        assert actual.files == shipped.files
+        for name in actual.files:
+            np.testing.assert_array_equal(actual[name], shipped[name])
 
 
 CRAZYFLIE_LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
@@ -922,9 +922,9 @@ def test_the_wind_option_applies_to_logs_without_wind(capsys):
     time = np.array([0.0, 0.1])
     without_wind, with_wind = FlightRecord("still", time), FlightRecord("logged", time, wind=np.ones((2, 3)))
     for winds in (["-8.5,0,0.25"], ["-8.5,0,0.25", "1,2,3"]):
-        found = with_winds([without_wind, with_wind], winds)
-        np.testing.assert_array_equal(found[0].wind, [[-8.5, 0.0, 0.25]] * 2)
-        np.testing.assert_array_equal(found[1].wind, np.ones((2, 3)))
+        result = with_winds([without_wind, with_wind], winds)
+        np.testing.assert_array_equal(result[0].wind, [[-8.5, 0.0, 0.25]] * 2)
+        np.testing.assert_array_equal(result[1].wind, np.ones((2, 3)))
         assert "remark: logged: the log contains the wind, so --wind is ignored" in capsys.readouterr().err
 
 

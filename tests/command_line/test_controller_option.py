@@ -361,8 +361,8 @@ def test_each_command_that_flies_designs_or_judges_has_the_controller_option(com
 def test_judge_refuses_a_controller_that_is_given_twice(controller_file) -> None:
     from drake_quad.command_line.judge import user_controllers
 
-    found = user_controllers([f"{controller_file}:Mine", "controllers/lqg:lqg"])
-    assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
+    result = user_controllers([f"{controller_file}:Mine", "controllers/lqg:lqg"])
+    assert [each.name for each in result] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in CONTROLLER_NAMES
     assert CONTROLLER_NAMES["Mine"] == "Mine"
     with pytest.raises(InputError, match=f"--controller {controller_file}:Mine is given twice"):

@@ -87,13 +87,13 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
 
 def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
-    found = SimpleNamespace(
+    actual = SimpleNamespace(
         ranges=["mass"], stable_scale=1.234, unstable=SimpleNamespace(values={"mass": 1.0}, scale=1.3),
         lost=SimpleNamespace(values={}, scale=float("inf")), gap=0.05, num_cells=7,
     )  # fmt: skip
     certified = []
     monkeypatch.setattr(
-        "drake_quad.command_line.design.certify_hover", lambda scenario: certified.append(scenario) or found
+        "drake_quad.command_line.design.certify_hover", lambda scenario: certified.append(scenario) or actual
     )
     drawn = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     result = run("design", "hover", "--set", drawn, "--certify", "--output", tmp_path)
@@ -179,8 +179,8 @@ def test_gains_are_designed_for_the_median_vehicle_and_for_its_autopilot(run, de
 
 def test_a_regulator_is_designed_within_the_requested_limits(run, replaced, tmp_path):  # noqa: F811
     control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
-    found = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
-    calls = replaced("design_lqg", design_lqg=found, link_margins="margins", print_margins=None)
+    actual = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
+    calls = replaced("design_lqg", design_lqg=actual, link_margins="margins", print_margins=None)
     limits = ["--sensitivity", 2.5, "--delay-margin", 0.04, "--snap", 30, "--acceleration", 2]
     result = run("design-lqg", "laboratory:low_wind", *limits, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -320,13 +320,13 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     }
     motors = SimpleNamespace(take_throttles=True, voltage=11.1)
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
-    found = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
+    actual = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
     predictions = SimpleNamespace(losses=lambda vehicle: f"{vehicle} loses")
     prints = dict.fromkeys(
         ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
     )
     calls = replaced(
-        "identify", read_log=lambda log, mapping: records[log.name], identify=found, predict="prediction",
+        "identify", read_log=lambda log, mapping: records[log.name], identify=actual, predict="prediction",
         concatenate_predictions=predictions, write_vehicle=None,
         save_figures=lambda figures, folder, vector: [*figures], **prints,
     )  # fmt: skip
@@ -411,14 +411,14 @@ def test_ctrl_c_during_imports_ends_a_command_with_one_sentence(capsys, monkeypa
 
 
 def test_a_crash_is_printed_before_the_sensitivities(run, replaced, tmp_path):  # noqa: F811
-    found = SimpleNamespace(
+    actual = SimpleNamespace(
         fields=("a",), values=np.ones(1), crash_time=1.25, metrics={"rmse": 0.5}, gradients={"rmse": np.ones(1)}
     )
-    replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=["b.png"])
+    replaced("sensitivities", flight_sensitivities=actual, plot_sensitivities=None, save_figures=["b.png"])
     result = run("sensitivities", "hover", "--output", tmp_path)
     assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives refer to the flight until then\n")
     assert result.stdout.endswith(f"wrote\n  {tmp_path / 'sensitivities.csv'}\n  b.png\n")
-    found.crash_time = math.inf
+    actual.crash_time = math.inf
     assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout
 
 

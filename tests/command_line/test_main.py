@@ -131,13 +131,13 @@ COMP_WORDS=({line}); COMP_CWORD={len(message) - 1}; COMP_LINE="{line}"; COMP_POI
 _shtab_drake_quad drake-quad "{message[-1]}" "{message[-2]}"
 printf "%s\\n" "${{COMPREPLY[@]}}"
 """
-    found = subprocess.run(
+    result = subprocess.run(
         ["bash", "-c", program], cwd=tmp_path, check=True, capture_output=True, text=True
     ).stdout.split()
     if completed is None:
         completed = {name for name in shipped_scenarios() if name.startswith(message[-1])}
         assert completed
-    assert {*found} == completed
+    assert {*result} == completed
 
 
 # This program interrupts a command when it imports a given module.

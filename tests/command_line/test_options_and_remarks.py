@@ -72,8 +72,8 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
     replaced("compare_log", read_log=FlightRecord("a", np.arange(3.0)), compare_with_log=None, print_comparison=None)
     replaced("compare_log", save_comparison=[])
     replaced("replay", simulate_samples=lambda _, samples: [crash] * len(samples), save_swarm=None)
-    found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
-    replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=[])
+    actual = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
+    replaced("sensitivities", flight_sensitivities=actual, plot_sensitivities=None, save_figures=[])
     replaced("sensitivities", write_sensitivities="file")
     replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
@@ -195,18 +195,18 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     numbers = (("mass", 0.68, 0.02, 0.9), ("linear_drag", 0.2, 0.05, 0.5), ("gravity", 9.8, 0.01, 0.3))
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
     scenario = load_scenario("hover", [shared.format(*each) for each in numbers] + [obstacle])
-    found = studied(scenario, 4, crashed=[1, 2])
-    found = type(found)(
-        scenario, 10.0, found.samples, found.parameters, found.metrics, obstacle_hit=np.array([0, 1, 0, 0])
+    result = studied(scenario, 4, crashed=[1, 2])
+    result = type(result)(
+        scenario, 10.0, result.samples, result.parameters, result.metrics, obstacle_hit=np.array([0, 1, 0, 0])
     )
-    study.print_study("mine", found, tmp_path, "compiled")
+    study.print_study("mine", result, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text
     assert "means and standard deviations are taken over the 2 samples without a crash" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
     assert "crashed into post at 3.00 s" in text
-    empty = type(found)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
+    empty = type(result)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
     study.print_study("mine", empty, tmp_path, "compiled")
     assert "worst samples:" not in capsys.readouterr().out
     study.print_rate({"a": studied(scenario, 4, simulated_time=0.5)}, 0.25)

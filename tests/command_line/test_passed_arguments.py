@@ -101,12 +101,12 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
 
 def test_each_controller_is_combined_with_each_laboratory():
     arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
-    found = compare.scenarios_from_arguments(arguments)
+    result = compare.scenarios_from_arguments(arguments)
     names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
-    assert {laboratory: [*each] for laboratory, each in found.items()} == dict.fromkeys(
+    assert {laboratory: [*each] for laboratory, each in result.items()} == dict.fromkeys(
         ("nominal", "low_wind", "high_wind"), names
     )
-    for laboratory, each in found.items():
+    for laboratory, each in result.items():
         for name, scenario in each.items():
             assert (scenario.name, scenario.duration, scenario.seed, scenario.vehicle.mass) == (laboratory, 6.0, 3, 0.7)
             assert (scenario.control.network is not None) == ("fnn" in name)
@@ -141,10 +141,10 @@ def test_replayed_samples_begin_with_the_given_one(run, replaced, tmp_path):
 
 
 def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
-    found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
+    result = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
     calls = replaced(
         "sensitivities",
-        flight_sensitivities=found,
+        flight_sensitivities=result,
         plot_sensitivities=None,
         save_figures=[],
         write_sensitivities="file",
@@ -153,7 +153,7 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
     assert run("sensitivities", "hover", *fields, "--sample", 4, "--output", tmp_path).returncode == 0
     ((scenario, fields), named) = calls["flight_sensitivities"][0]
     assert (scenario.name, fields, named) == ("hover", ("vehicle.mass", "vehicle.gravity"), {"sample": 4})
-    assert calls["plot_sensitivities"] == [((found, "rmse"), {})]
+    assert calls["plot_sensitivities"] == [((result, "rmse"), {})]
     assert run("sensitivities", "hover", "--output", tmp_path).returncode == 0
     assert "vehicle.arm_length" in calls["flight_sensitivities"][1][0][1]
 
@@ -352,9 +352,9 @@ def test_a_study_saves_only_figures_that_show_samples(replaced, monkeypatch):
     scenario = load_scenario("robustness")
 
     def figures(**studies):
-        found, folder, vector = study.save_plots(studies, "folder", arguments)
+        result, folder, vector = study.save_plots(studies, "folder", arguments)
         assert (folder, vector) == ("folder", "svg")
-        return found
+        return result
 
     both = {"distribution": "peak_error", "convergence": "peak_error"}
     calm, crashed = studied(scenario, 20), studied(scenario, 20, crashed=[0, 1, 2])
@@ -389,8 +389,8 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
     monkeypatch.setattr(workers, "Workers", stub_pool)
     monkeypatch.setattr(workers, "dask_pool", stub_pool)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
-        with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
-            assert found == "a pool"
+        with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as result:
+            assert result == "a pool"
     assert calls == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
         pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
@@ -642,9 +642,9 @@ def test_winds_are_three_numbers_below_a_hundred():
     assert identify.with_winds([record], []) == [record]
     with pytest.raises(InputError, match="--wind is given 2 times for 3 logs; give it once, or once for each log"):
         identify.with_winds([record] * 3, ["0,0,0"] * 2)
-    found = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
-    assert [each.wind[0, 0] for each in found] == [1.0, 2.0]
-    assert found[0].wind.shape == (3, 3)
+    result = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
+    assert [each.wind[0, 0] for each in result] == [1.0, 2.0]
+    assert result[0].wind.shape == (3, 3)
 
 
 def test_judge_evaluates_all_families_unless_the_option_family_is_given(run, replaced, tmp_path, monkeypatch):

@@ -392,9 +392,9 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
 
 @pytest.mark.parametrize(("weak", "is_remarked"), [(["mass"], False), (["mass", "linear_drag"], True)])
 def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_remarked):
-    found = identified()
-    estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
-    identify.print_estimates(replace(found, estimates=estimates))
+    result = identified()
+    estimates = replace(result.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
+    identify.print_estimates(replace(result, estimates=estimates))
     is_printed = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
     assert is_printed == is_remarked
 
@@ -492,8 +492,8 @@ def test_sensitivities_are_sorted_by_the_effect_of_a_change_of_one_per_cent(caps
     fields = ("a", "b", "c", "d")
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4), "rmse_x": np.full(4, np.nan)}
     metrics = {"rmse": 0.4, "effort_x": 0.0, "rmse_x": 1.0}
-    found = Sensitivities(fields, np.array([2.0, 0.5, 0.0, 4.0]), metrics, 1.25, gradients)
-    sensitivities.print_sensitivities(found, "rmse")
+    result = Sensitivities(fields, np.array([2.0, 0.5, 0.0, 4.0]), metrics, 1.25, gradients)
+    sensitivities.print_sensitivities(result, "rmse")
     crash, first, header, *rows = capsys.readouterr().out.splitlines()
     assert crash.startswith("crashed at 1.25 s;")
     assert first == "rmse 0.4 (SI units)"
@@ -504,13 +504,13 @@ def test_sensitivities_are_sorted_by_the_effect_of_a_change_of_one_per_cent(caps
         ["c", "0", "7", "–"],
         ["d", "4", "nan", "–"],
     ]
-    table = read_table(sensitivities.write_sensitivities(tmp_path / "table.csv", found))
+    table = read_table(sensitivities.write_sensitivities(tmp_path / "table.csv", result))
     assert [*table["field"]] == ["(metric)", *fields]
     np.testing.assert_allclose(
         [float(value or "nan") for value in map(str, table["value"])], [np.nan, 2.0, 0.5, 0.0, 4.0]
     )
     np.testing.assert_allclose(table["rmse"], [0.4, 0.1, -2.0, 7.0, np.nan])
-    uncrashed = Sensitivities(fields, found.values, metrics, np.inf, gradients)
+    uncrashed = Sensitivities(fields, result.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
         sensitivities.print_sensitivities(uncrashed, name)
         assert capsys.readouterr().out.endswith(f"{name} has no derivative, because it is zero in this flight\n")
@@ -644,8 +644,8 @@ def test_the_largest_influences_are_printed_with_the_paths_of_their_fields(capsy
     mass, x, unrelated = rng.uniform(0.5, 1.0, size=(3, 200))
     metrics = metrics_of(0.1 + mass + 6.0 * (x - 0.75) ** 2, crashed=np.flatnonzero(x > 0.95))
     numbers = {"vehicle.drag_factor": unrelated, "vehicle.centre_of_mass.0": x, "vehicle.mass": mass}
-    found = Study(load_scenario("robustness"), 10.0, np.arange(200), numbers, metrics)
-    study.print_study("mine", found, tmp_path, "compiled")
+    result = Study(load_scenario("robustness"), 10.0, np.arange(200), numbers, metrics)
+    study.print_study("mine", result, tmp_path, "compiled")
     text = capsys.readouterr().out
     header, first, second, *crashes = cells(text.split("largest influences on ")[1].split("more:")[0])
     assert header == ["RMSE", "rank correlation"]
@@ -657,7 +657,7 @@ def test_the_largest_influences_are_printed_with_the_paths_of_their_fields(capsy
     assert first.splitlines()[1].startswith("vehicle.centre_of_mass.0")
     command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0\n"
     assert f"more: {command}" in text
-    study.print_study("mine", found, tmp_path, "compiled", metric="peak_error")
+    study.print_study("mine", result, tmp_path, "compiled", metric="peak_error")
     assert "influence on peak error\n" in capsys.readouterr().out
 
 
@@ -697,11 +697,11 @@ def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     assert judge.error_text(None) == "–"
     assert judge.error_text(metrics) == "20.0 25.0 %"
     assert judge.error_text(metrics_of([0.1, 0.3])) == "20.0"
-    found = SimpleNamespace(
+    result = SimpleNamespace(
         controllers=["pd", "indi"],
         flights={"outdoor": {"pd": metrics}, "no wind": {"pd": metrics, "indi": metrics_of([0.1, 0.3])}, "moon": {}},
     )
-    judge.print_errors(found)
+    judge.print_errors(result)
     _, header, first, second = cells(capsys.readouterr().out)
     assert header == ["no wind", "outdoor"]
     assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]

@@ -53,11 +53,11 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
 @pytest.mark.parametrize("command", ["risk", "falsify", "sobol"])
 def test_search_commands_have_the_same_worker_options_as_the_command_study(command):
     arguments = ["--workers", "3", "--time-limit", "5", "--resume", "--wired", "--vector", "pdf"]
-    found = (
+    result = (
         command_module(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])
     )
-    assert (found.scenario, found.workers, found.time_limit, found.cluster) == ("outdoor", 3, 5.0, None)
-    assert (found.resume, found.wired, found.vector) == (True, True, "pdf")
+    assert (result.scenario, result.workers, result.time_limit, result.cluster) == ("outdoor", 3, 5.0, None)
+    assert (result.resume, result.wired, result.vector) == (True, True, "pdf")
     assert command_module(command).options().parse_args([]).scenario == "robustness"
 
 

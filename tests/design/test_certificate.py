@@ -93,15 +93,15 @@ def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
 
 @pytest.mark.long
 def test_the_scale_of_a_single_parameter_agrees_with_a_bisection():
-    found = certify_hover(delayed_hover(UNCERTAIN_LAG))
+    result = certify_hover(delayed_hover(UNCERTAIN_LAG))
     low, high = 0.05, 0.05 + 0.015 * 8.0
     for _ in range(12):
         middle = 0.5 * (low + high)
         stable = poles_at({"vehicle.rotor_time_constant": middle}).max() < 1.0
         low, high = (middle, high) if stable else (low, middle)
     critical = (low - 0.05) / 0.015
-    assert 0.9 * critical < found.stable_scale <= 1.001 * critical
-    assert found.unstable.scale == pytest.approx(critical, rel=0.02)
+    assert 0.9 * critical < result.stable_scale <= 1.001 * critical
+    assert result.unstable.scale == pytest.approx(critical, rel=0.02)
 
 
 @pytest.mark.long
@@ -109,11 +109,11 @@ def test_loops_without_an_equilibrium_do_not_count_as_unstable():
     # The commanded thrust is 0.3 to 1.8 times the nominal weight. From scale 0.7 / 0.3 = 2.33 on, the range of the mass
     # contains vehicles that weigh less than the smallest thrust. Below this scale, all loops are stable.
     overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in CENTRES.items()]
-    found = certify_hover(load_scenario("hover", overrides))
-    assert found.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
-    assert found.lost.values["vehicle.mass"] < 0.3 * 0.68
-    assert found.unstable.scale > found.lost.scale
-    assert found.gap < 0.1
+    result = certify_hover(load_scenario("hover", overrides))
+    assert result.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
+    assert result.lost.values["vehicle.mass"] < 0.3 * 0.68
+    assert result.unstable.scale > result.lost.scale
+    assert result.gap < 0.1
 
 
 @pytest.mark.long
@@ -124,9 +124,9 @@ def test_a_certificate_depends_only_on_the_seed():
 
 @pytest.mark.long
 def test_no_scale_is_certified_if_the_loop_is_unstable_at_the_centre_of_the_ranges():
-    found = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
-    assert found.stable_scale == found.unstable.scale == found.gap == 0.0
-    assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
+    result = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
+    assert result.stable_scale == result.unstable.scale == result.gap == 0.0
+    assert poles_at(result.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 
 def test_parameters_that_do_not_affect_hover_are_left_out_of_the_certificate():

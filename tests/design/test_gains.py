@@ -583,18 +583,18 @@ def test_the_gains_of_a_regulator_are_found_to_four_digits():
 
 
 def test_the_derivatives_of_the_regulator_cost_match_finite_differences(pitch, monkeypatch):
-    found = []
+    result = []
 
     def compare(function, start, **options):
         for logs in start + np.array([[0.0, 0.0], [0.3, -0.2], [0.1, 0.7]]):
             numeric = scipy.optimize.approx_fprime(logs, lambda tried: function(tried)[0], 1e-7)
             np.testing.assert_allclose(function(logs)[1], numeric, rtol=1e-5, atol=1e-6)
-        found.append(options["jac"])
+        result.append(options["jac"])
         return SimpleNamespace(x=start)
 
     monkeypatch.setattr("scipy.optimize.minimize", compare)
     RegulatorRequirements(0.2).gains(pitch, 3.0)
-    assert found == [True]
+    assert result == [True]
 
 
 def test_the_search_for_a_regulator_finds_the_minimum_after_a_step_to_unstable_gains():

@@ -226,13 +226,13 @@ def test_requirements_and_metrics_without_derivatives_do_not_affect_other_deriva
         },
     }
     scenario = load_scenario("hover", plain | extended | {"vehicle.mass": 0.7})
-    found = flight_sensitivities(scenario, ["vehicle.mass"])
+    actual = flight_sensitivities(scenario, ["vehicle.mass"])
     expected = flight_sensitivities(load_scenario("hover", plain | {"vehicle.mass": 0.7}), ["vehicle.mass"])
-    assert found.gradients["rmse"] == expected.gradients["rmse"]
-    assert found.metrics["last_fall"] < 0.0
-    assert found.gradients["last_fall"] < 0.0
-    assert np.isfinite(found.gradients["mean_tilt"]).all()
-    assert not {"settling_time", "near", "late", "until"} & {*found.gradients}
+    assert actual.gradients["rmse"] == expected.gradients["rmse"]
+    assert actual.metrics["last_fall"] < 0.0
+    assert actual.gradients["last_fall"] < 0.0
+    assert np.isfinite(actual.gradients["mean_tilt"]).all()
+    assert not {"settling_time", "near", "late", "until"} & {*actual.gradients}
 
 
 @pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])

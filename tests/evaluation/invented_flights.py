@@ -44,14 +44,14 @@ def evaluation(type_1_ratio=0.9, type_2_ratio=0.8, *, crashed=()):
         "indi": 0.04,
         "indi_t2fnn": 0.04,
     }
-    found = {
+    result = {
         laboratory: {name: flights(error, scatter=scatter) for scatter, (name, error) in enumerate(errors.items())}
         for laboratory in (*FAMILIES["laboratory"].laboratories, "outdoor")
     }
-    found["outdoor"]["pd_t2fnn"] = flights(0.2 * type_1_ratio * type_2_ratio, scatter=2, crashed=crashed)
-    found["high wind"] |= {"indi@1.6": flights(0.06, scatter=5), "indi@3": flights(0.03, scatter=6)}
+    result["outdoor"]["pd_t2fnn"] = flights(0.2 * type_1_ratio * type_2_ratio, scatter=2, crashed=crashed)
+    result["high wind"] |= {"indi@1.6": flights(0.06, scatter=5), "indi@3": flights(0.03, scatter=6)}
     for count, error in enumerate((0.2, 0.1, 0.05), start=1):
-        found[laboratory_with_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, scatter=count)}
+        result[laboratory_with_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, scatter=count)}
     traits = {name: Traits(2.2, 0.06, 0.09, 80e-6, 1e-6) for name in errors}
     designs_by_sensitivity = {f"indi@{limit:g}": Traits(limit, 0.05, 0.1 / limit, 1e-4, 1e-6) for limit in (1.6, 3.0)}
-    return Evaluation(found, {"laboratory": traits, "outdoor": traits, PRICED_DESIGNS: designs_by_sensitivity})
+    return Evaluation(result, {"laboratory": traits, "outdoor": traits, PRICED_DESIGNS: designs_by_sensitivity})

@@ -12,13 +12,13 @@ from drake_quad.scenario.paths import split_path
 
 def numbers_in(design, paths):
     """Return the values at the given paths of a design."""
-    found = []
+    result = []
     for path in paths:
         part = design
         for step in split_path(path):
             part = part[int(step) if step.isdecimal() else step]
-        found.append(part)
-    return found
+        result.append(part)
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +37,13 @@ def test_a_shipped_design_differs_from_its_controller_entry_only_in_tuned_parame
     for key, entry in entries.items():
         design = designs[name][key]
         numbers = [numbers_in(design, parameter.paths) for parameter in entry.parameters]
-        for parameter, found in zip(entry.parameters, numbers, strict=True):
-            assert len(set(found)) == 1
-            assert parameter.low <= found[0] <= parameter.high
+        for parameter, result in zip(entry.parameters, numbers, strict=True):
+            assert len(set(result)) == 1
+            assert parameter.low <= result[0] <= parameter.high
             # The report states that each range spans at least a factor of ten.
             assert parameter.high >= 9.99 * parameter.low
         if entry.parameters:
-            assert entry.tree([found[0] for found in numbers]) == design
+            assert entry.tree([result[0] for result in numbers]) == design
         else:
             assert design["control"]["kind"] == key
     for key in PRICED_CONTROLLERS:

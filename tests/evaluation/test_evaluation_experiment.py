@@ -63,10 +63,10 @@ def replaced_flights(monkeypatch):
 def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, diagrams):
     family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
-        *found, last = fly_family(diagrams, "mine", family, name, SIZES)
+        *result, last = fly_family(diagrams, "mine", family, name, SIZES)
         uncompiled = name == "mpc"
         count = 3 if uncompiled else 7
-        for laboratory, flown in zip(("gale", "calm"), found, strict=True):
+        for laboratory, flown in zip(("gale", "calm"), result, strict=True):
             assert flown == (laboratory, name, ("flown", (laboratory, name), count, not uncompiled))
         # The margins of a controller with a network are those of the same controller without it.
         base = ("calm", "mpc" if uncompiled else "pd")
@@ -86,8 +86,8 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
 def test_certified_scales_are_those_of_certify_hover_or_nan_with_a_reason(diagrams):
     lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
     late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])
-    found, expected = experiment.certified_scales(late), certify_hover(late)
-    assert found == (expected.stable_scale, expected.unstable.scale, "")
+    actual, expected = experiment.certified_scales(late), certify_hover(late)
+    assert actual == (expected.stable_scale, expected.unstable.scale, "")
     learning = load_scenario("hover", [lag], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     for scenario, compiled, reason in (
         (learning, True, "has poles at 1 in hover, for example those of a learning network's weights"),
@@ -106,11 +106,11 @@ def test_quick_evaluations_certify_nothing(replaced_flights, diagrams):
 
 def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams):
     family = FAMILIES["neural_fly"]
-    found = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
-    assert [laboratory for laboratory, *_ in found] == [*family.laboratories, "neural_fly"]
-    assert all(metrics[1][-1] == "duration=2.5" for *_, metrics in found[:-1])
-    assert found[-1][2].sensitivity == "peak ('8 m/s', 'indi')"
-    assert "duration=2.5" in found[-1][2].delay_flown
+    result = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
+    assert [laboratory for laboratory, *_ in result] == [*family.laboratories, "neural_fly"]
+    assert all(metrics[1][-1] == "duration=2.5" for *_, metrics in result[:-1])
+    assert result[-1][2].sensitivity == "peak ('8 m/s', 'indi')"
+    assert "duration=2.5" in result[-1][2].delay_flown
     assert QUICK.overrides == ("duration=1.0",)
     assert SIZES.overrides == ()
 
@@ -119,26 +119,26 @@ def test_networks_with_the_position_as_input_and_their_base_controllers_fly_one_
     replaced_flights, diagrams
 ):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
-    found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
-    assert [each[:2] for each in found] == [
+    result = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
+    assert [each[:2] for each in result] == [
         (laboratory_with_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
     ]
-    for laboratory, name, metrics in found:
+    for laboratory, name, metrics in result:
         laps = int(laboratory[-1])
         assert metrics == ("flown", ("high wind", name, *overrides_for_laps(laps)), 5, True)
     assert overrides_for_laps(3) == ("route.laps=3", "metrics.first_lap=3")
 
 
 def test_designs_with_other_sensitivity_limits_fly_in_high_wind(replaced_flights, diagrams):
-    found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
+    result = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
     names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
-    assert [each[:2] for each in found] == [
+    assert [each[:2] for each in result] == [
         (laboratory, name) for name in names for laboratory in ("high wind", "priced")
     ]
     short_flight = ("high wind", names[0], "duration=2.0")
-    assert found[0][2] == ("flown", short_flight, 7, True)
+    assert result[0][2] == ("flown", short_flight, 7, True)
     full_flight = ("high wind", names[0])
-    assert found[1][2] == Traits(
+    assert result[1][2] == Traits(
         f"peak {full_flight}",
         f"delay {full_flight}",
         f"stood {short_flight} 4",
@@ -261,7 +261,7 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
         rows.append(len((tmp_path / "flights.csv").read_text(encoding="utf-8").splitlines()) - 1)
 
     families = ["outdoor", "laboratory"]
-    found = fly_evaluation(tmp_path, families, QUICK, tmp_path, only=["pd", "mpc"], progress=progress)
+    result = fly_evaluation(tmp_path, families, QUICK, tmp_path, only=["pd", "mpc"], progress=progress)
     laboratory = FAMILIES["laboratory"]
     assert calls == [
         ("outdoor", "pd", QUICK),
@@ -274,10 +274,10 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
     assert reports == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # The results are written after each job.
     assert rows == [NUM_FLIGHTS, 2 * NUM_FLIGHTS, 3 * NUM_FLIGHTS, 4 * NUM_FLIGHTS, 4 * NUM_FLIGHTS]
-    assert {laboratory_name: [*each] for laboratory_name, each in found.flights.items()} == {
+    assert {laboratory_name: [*each] for laboratory_name, each in result.flights.items()} == {
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
     }  # fmt: skip
-    assert {name: [*each] for name, each in found.traits.items()} == {
+    assert {name: [*each] for name, each in result.traits.items()} == {
         "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED_DESIGNS: ["indi@3"],
     }  # fmt: skip
     for name in ("mpc", "moon"):

@@ -33,8 +33,8 @@ def ticks(axis):
 
 
 def test_a_figure_is_drawn_only_if_the_evaluation_contains_its_flights():
-    found = evaluation()
-    drawn = dict(evaluation_figures(found))
+    result = evaluation()
+    drawn = dict(evaluation_figures(result))
     assert list(drawn) == ["errors", "networks", "margins", "laps"]
     labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
     assert drawn["errors"].get_supxlabel() == "RMSE (cm)"
@@ -48,7 +48,7 @@ def test_a_figure_is_drawn_only_if_the_evaluation_contains_its_flights():
         assert len(legend.texts) == 2
     for figure in drawn.values():
         assert 3.0 < figure.get_figwidth() < 10.0  # inches, one or two columns of a page
-    few = Evaluation({"outdoor": {"pd": found.flights["outdoor"]["pd"]}}, {"outdoor": found.traits["outdoor"]})
+    few = Evaluation({"outdoor": {"pd": result.flights["outdoor"]["pd"]}}, {"outdoor": result.traits["outdoor"]})
     assert [name for name, _ in evaluation_figures(few)] == ["errors"]
 
 
@@ -59,11 +59,11 @@ def test_a_name_is_split_into_controller_and_network():
 
 
 def test_the_errors_figure_has_markers_with_intervals():
-    found = evaluation(crashed=range(8))
+    result = evaluation(crashed=range(8))
     for laboratory in ("robustness", "still air"):
-        found.flights[laboratory] = {"pd": flights(0.9), "indi": flights(0.01, scatter=1)}
+        result.flights[laboratory] = {"pd": flights(0.9), "indi": flights(0.01, scatter=1)}
     names = ["pd", "indi", "pd_t1fnn", "pd_t2fnn", "indi_t2fnn"]
-    figure = errors_figure(found)
+    figure = errors_figure(result)
     visible_axes = [axes for axes in figure.axes if axes.get_visible()]
     titles = ["no wind", "low wind", "high wind", "outdoor", "robustness", "still air"]
     assert [axes.get_title().split("\n")[-1] for axes in visible_axes] == titles
@@ -72,10 +72,10 @@ def test_the_errors_figure_has_markers_with_intervals():
     assert ticks(visible_axes[0].yaxis) == ([*range(5)], [CONTROLLER_NAMES[name] for name in names])
     styles = {}
     for axes, laboratory in zip(visible_axes, titles, strict=True):
-        flown = [name for name in names if name in found.flights[laboratory]]
+        flown = [name for name in names if name in result.flights[laboratory]]
         low, high = axes.get_xlim()
         for name, interval, marker in zip(flown, axes.lines[::2], axes.lines[1::2], strict=True):
-            row, mean = names.index(name), centimetres(found.flights[laboratory][name])
+            row, mean = names.index(name), centimetres(result.flights[laboratory][name])
             np.testing.assert_allclose(interval.get_xydata(), [[mean.low, row], [mean.high, row]])
             np.testing.assert_allclose(marker.get_xydata(), [[mean.value, row]])
             assert (marker.get_fillstyle() == "none") == ((name, laboratory) == ("pd_t2fnn", "outdoor"))
@@ -107,15 +107,15 @@ def test_the_errors_figure_omits_controllers_that_crash_in_all_samples():
 
 
 def test_the_networks_figure_has_a_row_per_network():
-    found = evaluation(type_1_ratio=0.9, type_2_ratio=0.8)
-    found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, scatter=1)
-    reductions = reductions_by_network(found)
+    result = evaluation(type_1_ratio=0.9, type_2_ratio=0.8)
+    result.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, scatter=1)
+    reductions = reductions_by_network(result)
     assert list(reductions) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
     assert [*reductions["pd_t1fnn"]] == [*LABORATORIES]
     assert reductions["pd_t2fnn"]["outdoor"] == reduction(
-        comparisons_by_laboratory(found, "pd_t2fnn", "pd")["outdoor"].ratio
+        comparisons_by_laboratory(result, "pd_t2fnn", "pd")["outdoor"].ratio
     )
-    figure = networks_figure(found)
+    figure = networks_figure(result)
     (axes,) = figure.axes
     zero, *lines = axes.lines
     assert set(zero.get_xdata()) == {0.0}
@@ -153,8 +153,8 @@ def test_the_networks_figure_has_a_row_per_network():
 
 
 def test_the_axis_of_the_networks_figure_extends_beyond_six_per_cent_even_if_all_reductions_are_small():
-    found = evaluation(type_1_ratio=0.999, type_2_ratio=0.999)
-    low, high = networks_figure(found).axes[0].get_xlim()
+    result = evaluation(type_1_ratio=0.999, type_2_ratio=0.999)
+    low, high = networks_figure(result).axes[0].get_xlim()
     assert -8.0 < low < -6.0
     assert 6.0 < high < 8.0
 
@@ -168,9 +168,9 @@ def test_large_changes_by_networks_do_not_hide_small_ones():
 
 
 def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_delay():
-    found = evaluation()
-    figure = margins_figure(found)
-    errors = {name: centimetres(each).value for name, each in found.flights["high wind"].items()}
+    actual = evaluation()
+    figure = margins_figure(actual)
+    errors = {name: centimetres(each).value for name, each in actual.flights["high wind"].items()}
     expected = [errors["indi@1.6"], errors["indi"], errors["indi@3"]]
     for axes, line, plain in zip(figure.axes, ([1.6, 2.2, 3.0], [62.5, 90.0, 100.0 / 3.0]), (2.2, 90.0), strict=True):
         designs_by_sensitivity, *others = axes.lines
@@ -195,11 +195,11 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
 
 
 def test_the_axes_of_the_margins_figure_are_extended_for_designs_beyond_the_usual_limits():
-    found = evaluation()
-    traits = found.traits["laboratory"]
+    result = evaluation()
+    traits = result.traits["laboratory"]
     traits["pd"] = traits["pd"]._replace(sensitivity=1.2, delay_flown=0.25)
     traits["indi"] = traits["indi"]._replace(sensitivity=4.0, delay_flown=np.inf)
-    left, right = margins_figure(found).axes
+    left, right = margins_figure(result).axes
     assert left.get_xlim()[0] < 1.2
     assert left.get_xlim()[1] > 4.0
     assert right.get_xlim()[1] > 250.0
@@ -208,11 +208,11 @@ def test_the_axes_of_the_margins_figure_are_extended_for_designs_beyond_the_usua
 
 
 def test_the_laps_figure_shows_errors_lap_by_lap():
-    found = evaluation()
-    figure = laps_figure(found, ["pd"])
+    result = evaluation()
+    figure = laps_figure(result, ["pd"])
     (axes,) = figure.axes
     for container, controller in zip(axes.containers, ("pd", "pd_t2fnn_map"), strict=True):
-        means = [centimetres(found.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
+        means = [centimetres(result.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
         curve, _, (bars,) = container
         assert container.get_label() == CONTROLLER_NAMES[controller]
         np.testing.assert_allclose(curve.get_xydata(), [[i, mean.value] for i, mean in enumerate(means, start=1)])

@@ -116,10 +116,10 @@ def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkey
 def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
     stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
-    found = delay_flown(scenario, EvaluationSizes(delayed=2, max_delay_frames=25))
-    assert 0.0 < found < 0.25
+    result = delay_flown(scenario, EvaluationSizes(delayed=2, max_delay_frames=25))
+    assert 0.0 < result < 0.25
     frame = scenario.laboratory.motion_capture.period
-    for crashes, frames in ((False, round(found / frame)), (True, round(found / frame) + 1)):
+    for crashes, frames in ((False, round(result / frame)), (True, round(result / frame) + 1)):
         overrides = [*stiff, f"laboratory.motion_capture.latency_frames={frames}"]
         again = load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
         assert (delay_flown(again, EvaluationSizes(delayed=2, max_delay_frames=0)) < 0.0) is crashes
@@ -135,8 +135,8 @@ def test_laps_are_flown_with_and_without_a_network_with_position_input(diagrams,
     designs = {name: entries[name].geometric_mean() for name in ("pd", "pd_t2fnn_map")}
     write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", designs, comments={})
     own_family = family._replace(laboratories={"high wind": "lab.yaml"})
-    found = list(fly_laps(tmp_path, "mine", own_family, ["pd", "pd_t2fnn_map"], QUICK))
-    assert [each[:2] for each in found] == [
+    result = list(fly_laps(tmp_path, "mine", own_family, ["pd", "pd_t2fnn_map"], QUICK))
+    assert [each[:2] for each in result] == [
         (laboratory_with_laps(count), name) for name in ("pd", "pd_t2fnn_map") for count in (1, 2)
     ]
-    assert all(len(metrics.rmse) == QUICK.laps for _, _, metrics in found)
+    assert all(len(metrics.rmse) == QUICK.laps for _, _, metrics in result)

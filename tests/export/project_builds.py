@@ -137,10 +137,10 @@ def assert_flight_as_exported(scenario, folder, system, *, unavailable=()):
             outputs[list(unavailable)] = 0.0
             return state, outputs
 
-    expected, found = simulate(scenario, control=Controller()), simulate(scenario, control=system)
+    expected, actual = simulate(scenario, control=Controller()), simulate(scenario, control=system)
     command = next(name for name in ("wrench", "attitude_target") if name in expected)
-    np.testing.assert_allclose(found[command], expected[command], rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found["state"], expected["state"], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(actual[command], expected[command], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(actual["state"], expected["state"], rtol=1e-4, atol=1e-5)
     assert np.ptp(expected[command], axis=0)[:3].min() > 1e-6
 
 

@@ -407,9 +407,9 @@ def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
             output.SetFromVector([getattr(wrench, field) for field, _ in wrench._fields_])
 
     expected = simulate(scenario, control=exported_controller(tmp_path)())
-    found = simulate(scenario, control=System())
-    for name in found:
-        np.testing.assert_array_equal(found[name], expected[name])
+    actual = simulate(scenario, control=System())
+    for name in actual:
+        np.testing.assert_array_equal(actual[name], expected[name])
 
 
 @needs_compilers

@@ -227,9 +227,9 @@ def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
         return state.x - reference.x
 
     metrics = fly_samples(load_scenario("laboratory:low_wind", [additional(fraction_outside={}, drift={})]), range(6))
-    found = metric_mean(metrics, "fraction_outside")
-    assert 0.0 < found.low < found.value < found.high < 1.0
-    assert found == bounded_mean_interval(metrics.fraction_outside)
+    result = metric_mean(metrics, "fraction_outside")
+    assert 0.0 < result.low < result.value < result.high < 1.0
+    assert result == bounded_mean_interval(metrics.fraction_outside)
     assert compare(metrics, metrics, "fraction_outside").ratio.value == 1.0
     assert math.isnan(compare(metrics, metrics, "drift").ratio.value)
 

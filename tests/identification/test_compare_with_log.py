@@ -70,8 +70,8 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
     assert printed.startswith("crazyflie has no controller; RMS errors of its open-loop predictions of log100:\n")
     error = 0.01 * float(re.search(r"^position +0\.2 s +(\S+) \[", printed, re.MULTILINE)[1])
     sheet = load_undesigned(ROOT / file, [mass])
-    found = prediction.predict(read_log(ROOT / LOGS / "log100.xz"), {"data sheet": sheet}, horizons=(0.2,))
-    assert error < 0.7 * found.rmse("position", "data sheet", 0.2).value
+    result = prediction.predict(read_log(ROOT / LOGS / "log100.xz"), {"data sheet": sheet}, horizons=(0.2,))
+    assert error < 0.7 * result.rmse("position", "data sheet", 0.2).value
 
 
 @pytest.mark.parametrize(

@@ -40,22 +40,22 @@ def synthetic_flight(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_scale_error_drift_and_correlation_time_are_recovered(noise):
-    found = velocity_estimate(synthetic_flight(240.0, noise=noise))
-    assert abs(found.scale_error[0].value - SCALE_ERROR) < 3.0 * found.scale_error[0].deviation
-    assert found.scale_error[0].deviation < 0.02
-    assert [fraction.value for fraction in found.scale_error[1:]] == [0.0, 0.0]
+    result = velocity_estimate(synthetic_flight(240.0, noise=noise))
+    assert abs(result.scale_error[0].value - SCALE_ERROR) < 3.0 * result.scale_error[0].deviation
+    assert result.scale_error[0].deviation < 0.02
+    assert [fraction.value for fraction in result.scale_error[1:]] == [0.0, 0.0]
     # The drift is the standard deviation of the correlated velocity error, averaged over 0.1 s. The log contains 240
     # independent values, which determine the drift to 5 %.
     ratio = 0.1 / CORRELATION_TIME
     expected_drift = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
-    np.testing.assert_allclose(found.drift, expected_drift, rtol=0.15)
-    np.testing.assert_allclose(found.correlation_time, CORRELATION_TIME, rtol=0.2)
+    np.testing.assert_allclose(result.drift, expected_drift, rtol=0.15)
+    np.testing.assert_allclose(result.correlation_time, CORRELATION_TIME, rtol=0.2)
 
 
 def test_position_noise_does_not_count_as_drift():
     """Noise of 1 mm adds 14 mm/s to differences over 0.1 s, of which less than 3 mm/s may remain."""
-    found = velocity_estimate(synthetic_flight(240.0, noise=1e-3, drift=0.0))
-    assert found.drift.max() < 3e-3
+    result = velocity_estimate(synthetic_flight(240.0, noise=1e-3, drift=0.0))
+    assert result.drift.max() < 3e-3
 
 
 @pytest.mark.parametrize(
@@ -98,15 +98,15 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     """
     rate = 7.0
     amplitude = np.array([0.03, 0.05, 0.02])
-    found = velocity_estimate(swinging(amplitude, rate))
-    np.testing.assert_allclose([fraction.value for fraction in found.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
+    result = velocity_estimate(swinging(amplitude, rate))
+    np.testing.assert_allclose([fraction.value for fraction in result.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     expected_drift = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
-    np.testing.assert_allclose(found.drift, expected_drift, rtol=0.02)
-    assert found.correlation_time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
+    np.testing.assert_allclose(result.drift, expected_drift, rtol=0.02)
+    assert result.correlation_time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
     # The vehicle does not move along z. The scale error of z is therefore zero, and its standard deviation is the mean
     # of those of x and y.
-    deviations = [fraction.deviation for fraction in found.scale_error[:2]]
-    assert found.scale_error[2].deviation == pytest.approx(np.mean(deviations))
+    deviations = [fraction.deviation for fraction in result.scale_error[:2]]
+    assert result.scale_error[2].deviation == pytest.approx(np.mean(deviations))
     # The scale errors are exact if there is no sinusoidal error.
     exact = velocity_estimate(swinging(np.zeros(3), rate))
     np.testing.assert_allclose([fraction.value for fraction in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
@@ -159,11 +159,11 @@ def test_a_scale_error_is_the_slope_of_the_velocity_error_over_the_velocity():
     amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
     position, speed = (np.outer(each, amplitude) for each in (-np.cos(log.time), np.sin(log.time)))
     log = FlightRecord("made", log.time, position=log.position + position, velocity=log.velocity + 0.98 * speed)
-    found = velocity_estimate(log)
+    result = velocity_estimate(log)
     chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
     # A sample on the boundary of two blocks belongs to the later one.
     blocks = np.floor(chosen / 0.5)
-    for axis, fraction in ((0, found.scale_error[0]), (2, found.scale_error[2])):
+    for axis, fraction in ((0, result.scale_error[0]), (2, result.scale_error[2])):
         integral = np.concatenate(
             [[0.0], np.cumsum(0.5 * (log.velocity[1:, axis] + log.velocity[:-1, axis]) * np.diff(log.time))]
         )
@@ -178,10 +178,10 @@ def test_a_scale_error_is_the_slope_of_the_velocity_error_over_the_velocity():
         count = len(sums)
         assert fraction.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
         # The drift is the standard deviation of the residuals if there is no position noise.
-        assert found.drift[axis] == pytest.approx(np.std(logged - true - slope * true), rel=0.02)
-    assert found.scale_error[1].value == 0.0
-    assert found.scale_error[1].deviation == pytest.approx(
-        0.5 * (found.scale_error[0].deviation + found.scale_error[2].deviation)
+        assert result.drift[axis] == pytest.approx(np.std(logged - true - slope * true), rel=0.02)
+    assert result.scale_error[1].value == 0.0
+    assert result.scale_error[1].deviation == pytest.approx(
+        0.5 * (result.scale_error[0].deviation + result.scale_error[2].deviation)
     )
 
 
@@ -193,8 +193,8 @@ def test_the_noise_of_mean_velocities_follows_from_white_position_noise():
     noise = 2e-3 * random.normal(size=len(time))
     for fraction, factor in ((0.0, 1.0), (0.5, 0.5), (0.25, 0.625)):
         ends = tuple(np.arange(10.0, 20.0, 0.01) + 0.01 * fraction + offset for offset in (0.1, 0.0))
-        found = estimator._noise(noise, log, ends)
-        assert found == pytest.approx(2.0 * factor * (2e-3 / 0.1) ** 2, rel=0.02)
+        result = estimator._noise(noise, log, ends)
+        assert result == pytest.approx(2.0 * factor * (2e-3 / 0.1) ** 2, rel=0.02)
     # A signal that rises at a constant rate contains no noise.
     assert estimator._noise(3.0 * time, log, ends) == pytest.approx(0.0, abs=1e-12)
 
@@ -225,8 +225,8 @@ def test_drag_is_estimated_separately_along_body_x_and_body_y(yaw, slowness):
     velocity, acceleration = slowness * np.sin(np.outer(time, rates)), slowness * rates * np.cos(np.outer(time, rates))
     attitude = np.tile([0.0, 0.0, yaw], (2500, 1))
     log = FlightRecord("made", time, velocity=velocity, attitude=attitude, wind=velocity + MASS * acceleration / drag)
-    found = [each.value for each in linear_drag(log, base)]
-    assert found == pytest.approx([0.03, 0.05] if yaw == 0.0 else [0.05, 0.03], rel=2e-3)
+    result = [each.value for each in linear_drag(log, base)]
+    assert result == pytest.approx([0.03, 0.05] if yaw == 0.0 else [0.05, 0.03], rel=2e-3)
 
 
 def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
@@ -243,9 +243,9 @@ def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
     assert along.value == pytest.approx(drag, rel=1e-3)
     assert across == along
     noisy = replace(log, velocity=velocity + 0.002 * np.random.default_rng(1).normal(size=velocity.shape))
-    found = linear_drag(noisy, base)[0]
-    assert abs(found.value - drag) < 4.0 * found.deviation
-    assert found.degrees_of_freedom == pytest.approx(20, abs=2)
+    result = linear_drag(noisy, base)[0]
+    assert abs(result.value - drag) < 4.0 * result.deviation
+    assert result.degrees_of_freedom == pytest.approx(20, abs=2)
 
 
 def test_drag_is_estimated_from_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
@@ -256,9 +256,9 @@ def test_drag_is_estimated_from_means_over_a_tenth_of_a_second_without_the_ends_
     velocity = np.sin(np.outer(time, [2.0, 3.1, 0.0])) + 0.05 * random.normal(size=(2500, 3))
     wind = 0.7 * np.cos(np.outer(time, [1.3, 0.9, 1.1]))
     log = FlightRecord("log", time, velocity=velocity, attitude=np.zeros((2500, 3)), wind=wind)
-    found = linear_drag(log, base)
+    result = linear_drag(log, base)
     force, speed = MASS * np.gradient(velocity, PERIOD, axis=0), wind - velocity
-    for axis, spread in enumerate(found):
+    for axis, spread in enumerate(result):
         airspeed, mean_force = (
             np.array([each[i - 12 : i + 13, axis].mean() for i in range(50, 2450)]) for each in (speed, force)
         )
@@ -280,11 +280,11 @@ def test_the_standard_deviation_of_a_slope_follows_from_the_scatter_between_bloc
     random = np.random.default_rng(8)
     air, force = random.normal(size=(2, 40)) + np.array([[0.3], [2.0]])
     blocks = np.repeat(np.arange(8), 5)
-    found = estimator._slope(np.column_stack([air, np.ones_like(air)]), force, blocks, "N s/m")
+    result = estimator._slope(np.column_stack([air, np.ones_like(air)]), force, blocks, "N s/m")
     slope, intercept = np.polyfit(air, force, 1)
-    assert found.value == pytest.approx(slope)
+    assert result.value == pytest.approx(slope)
     # The slope is the sum of the forces, each with the weight (v - mean v) / Σ (v - mean v)² for the air speed v.
     weights = (air - air.mean()) / np.sum((air - air.mean()) ** 2)
     sums = (weights * (force - slope * air - intercept)).reshape(8, 5).sum(axis=1)
-    assert found.deviation == pytest.approx(np.sqrt(8.0 / 7.0 * np.sum(sums**2)))
-    assert (found.unit, found.degrees_of_freedom) == ("N s/m", 7.0)
+    assert result.deviation == pytest.approx(np.sqrt(8.0 / 7.0 * np.sum(sums**2)))
+    assert (result.unit, result.degrees_of_freedom) == ("N s/m", 7.0)

@@ -23,9 +23,9 @@ def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.n
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
-    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    result = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     # An error is measured minus predicted.
-    return PredictionFit(found, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ found, np.zeros(2)), rows, values
+    return PredictionFit(result, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ result, np.zeros(2)), rows, values
 
 
 @pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
@@ -49,12 +49,12 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
     expected += inverse @ np.diag(prior) @ inverse
     # Each variance is at least the variance for a correct model, which is on the diagonal of `inverse`.
     scale = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
-    found = PredictionFit(complete_fit, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ complete_fit, prior)
+    actual = PredictionFit(complete_fit, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ complete_fit, prior)
     if adjacent:
-        result = found.uncertainty(blocks)
+        result = actual.uncertainty(blocks)
     else:
-        information = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.jacobian, found.jacobian), blocks)
-        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.jacobian, found.errors), blocks)
+        information = sums_over_blocks(np.einsum("wkp,wkq->wpq", actual.jacobian, actual.jacobian), blocks)
+        scores = sums_over_blocks(np.einsum("wkp,wk->wp", actual.jacobian, actual.errors), blocks)
         result = jackknife(information, scores, prior=prior)
     np.testing.assert_allclose(result.covariance, expected * np.outer(scale, scale), rtol=1e-9)
     np.testing.assert_allclose(result.model, inverse, rtol=1e-9)
@@ -63,9 +63,9 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
 def test_the_jackknife_variance_is_at_least_the_variance_for_a_correct_model() -> None:
     information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
     scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
-    found = jackknife(information, scores)
-    assert found.covariance[0, 0] == pytest.approx(1.0 / 40.0)
-    assert found.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
+    result = jackknife(information, scores)
+    assert result.covariance[0, 0] == pytest.approx(1.0 / 40.0)
+    assert result.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
 
 
 def test_condensed_residuals_keep_the_normal_equations_and_the_sum_of_squares() -> None:
@@ -91,8 +91,8 @@ def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
         mean_errors.append(errors.mean())
         information, scores = np.ones((40, 1, 1)), -(errors - errors.mean())[:, 0]
         for adjacent in (True, False):
-            found = jackknife(information, scores, adjacent=adjacent)
-            variances.setdefault(adjacent, []).append(float(found.covariance[0, 0]))
+            result = jackknife(information, scores, adjacent=adjacent)
+            variances.setdefault(adjacent, []).append(float(result.covariance[0, 0]))
     variance = float(np.mean(np.square(mean_errors)))
     assert np.mean(variances[False]) > 20.0 * variance
     assert np.mean(variances[True]) < 0.55 * np.mean(variances[False])
@@ -104,8 +104,8 @@ def test_degrees_of_freedom_count_the_informative_blocks() -> None:
     jacobian[:, :3, 0] = 1.0
     jacobian[:2, 3:, 1] = 1.0
     fitted = PredictionFit(np.zeros(2), UNIT_NOISE, EMPTY_GAINS, jacobian, np.zeros((10, 5)), np.zeros(2))
-    found = fitted.uncertainty(np.arange(10)).degrees_of_freedom
-    np.testing.assert_allclose(found, [9.0, 1.0])
+    result = fitted.uncertainty(np.arange(10)).degrees_of_freedom
+    np.testing.assert_allclose(result, [9.0, 1.0])
 
 
 @pytest.mark.slow
@@ -114,8 +114,8 @@ def test_intervals_cover_the_true_values_if_errors_are_correlated() -> None:
     inside = 0
     for seed in range(400):
         fitted, *_ = line_fit(15, 6, seed)
-        found = fitted.uncertainty(np.arange(15))
-        half_widths = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
+        result = fitted.uncertainty(np.arange(15))
+        half_widths = scipy.stats.t.ppf(0.975, result.degrees_of_freedom) * np.sqrt(np.diag(result.covariance))
         inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < half_widths)
     assert 0.93 < inside / 800 < 0.99
 
@@ -126,9 +126,9 @@ def test_score_and_information_match_normally_distributed_errors() -> None:
     errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
     spreads = np.full((50, 2, 3, 1, 1), deviation**2)
     spreads[:, 1] *= np.exp(2.0 * step)
-    found, score, information = noise_likelihood(np.tile(errors, (1, 2, 1, 1)), spreads, step)
+    result, score, information = noise_likelihood(np.tile(errors, (1, 2, 1, 1)), spreads, step)
     squares = (errors / deviation) ** 2
-    assert found == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
+    assert result == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
     assert score[0] == pytest.approx((squares - 1.0).sum(), rel=1e-3)
     assert information[0, 0] == pytest.approx(300.0, rel=1e-3)
 
@@ -138,8 +138,8 @@ def test_evidence_has_at_least_sixty_parts_because_few_windows_are_split(windows
     """The parts are in the order of time. All outputs of a sample stay in the same part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
-    found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
-    assert len(found.scores) == windows * parts
+    result = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
+    assert len(result.scores) == windows * parts
     pieces = [
         (rows, errors)
         for window, window_errors in zip(fitted.jacobian, fitted.errors, strict=True)
@@ -150,11 +150,11 @@ def test_evidence_has_at_least_sixty_parts_because_few_windows_are_split(windows
         )
     ]
     for part, (rows, errors) in enumerate(pieces):
-        np.testing.assert_allclose(found.information[part], np.einsum("kmp,kmq->pq", rows, rows))
-        np.testing.assert_allclose(found.scores[part], np.einsum("kmp,km->p", rows, errors))
-    assert (found.names, found.duration) == (("a", "b"), 30.0)
-    np.testing.assert_array_equal(found.values, fitted.values)
-    np.testing.assert_array_equal(found.scales, [1.0, 2.0])
+        np.testing.assert_allclose(result.information[part], np.einsum("kmp,kmq->pq", rows, rows))
+        np.testing.assert_allclose(result.scores[part], np.einsum("kmp,km->p", rows, errors))
+    assert (result.names, result.duration) == (("a", "b"), 30.0)
+    np.testing.assert_array_equal(result.values, fitted.values)
+    np.testing.assert_array_equal(result.scales, [1.0, 2.0])
 
 
 class LinearPredictor:
@@ -178,8 +178,8 @@ class LinearPredictor:
         return EMPTY_GAINS._replace(whitening=whitening, noise=noise)
 
     def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
-        found = self.target[:, :, None] - self.rows @ parameters.T
-        return found.transpose(0, 2, 1)[:, None], np.zeros((1, len(parameters), len(self.windows)))
+        result = self.target[:, :, None] - self.rows @ parameters.T
+        return result.transpose(0, 2, 1)[:, None], np.zeros((1, len(parameters), len(self.windows)))
 
     def continue_windows(self, *_: object) -> None: ...
 
@@ -198,13 +198,13 @@ def test_the_fit_of_a_linear_model_is_the_posterior_mean(monkeypatch: pytest.Mon
     rng = np.random.default_rng(2)
     rows = rng.normal(size=(30, 4, 2))
     measured = rows @ [2.0, -0.5] + rng.normal(size=(30, 4))
-    found = fitted_line(monkeypatch, rows, measured, {"mass": (1.0, 0.1), "linear_drag": (0.2, 0.5)})
+    result = fitted_line(monkeypatch, rows, measured, {"mass": (1.0, 0.1), "linear_drag": (0.2, 0.5)})
     flat, prior = rows.reshape(-1, 2), np.array([100.0, 4.0])
     information = flat.T @ flat + np.diag(prior)
     np.testing.assert_allclose(
-        found.values, np.linalg.solve(information, flat.T @ measured.ravel() + prior * [1.0, 0.2]), rtol=1e-4
+        result.values, np.linalg.solve(information, flat.T @ measured.ravel() + prior * [1.0, 0.2]), rtol=1e-4
     )
-    np.testing.assert_allclose(found.prior, prior)
+    np.testing.assert_allclose(result.prior, prior)
 
 
 @pytest.mark.parametrize("true", [[5.0, -3.0, 1.0], [-1.0, 4.0, 0.5], [1.0, 6.0, -5.0]])
@@ -228,11 +228,11 @@ def test_an_identified_inertia_satisfies_the_triangle_inequality(monkeypatch: py
     rows = np.tile(np.eye(3), (20, 1, 1))
     measured = np.tile([1.0, 1.0, 3.0], (20, 1))
     names = {f"inertia[{i}]": (start, 1e3) for i, start in enumerate((1.0, 1.0, 1.5))}
-    found = fitted_line(monkeypatch, rows, measured, names).values
+    result = fitted_line(monkeypatch, rows, measured, names).values
     # The violation I_z - I_x - I_y = 1 is distributed equally over the three moments. The lower limit of the second
     # moments adds a small error.
-    np.testing.assert_allclose(found, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
-    assert found[0] + found[1] >= found[2]
+    np.testing.assert_allclose(result, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
+    assert result[0] + result[1] >= result[2]
 
 
 def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -252,14 +252,14 @@ def test_a_step_to_parameters_with_a_diverging_model_is_rejected(monkeypatch: py
             theta = parameters[:, 0]
             error = np.where(theta > 1.2, 1e200 * theta, np.sqrt(np.abs(1.0 - theta)) * np.sign(1.0 - theta))
             shape = (len(self.counted), 1, len(theta), len(self.windows))
-            found = np.broadcast_to(error[None, None, :, None], shape)
-            return found.copy(), np.zeros((1, len(theta), len(self.windows)))
+            result = np.broadcast_to(error[None, None, :, None], shape)
+            return result.copy(), np.zeros((1, len(theta), len(self.windows)))
 
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     parameters = linear_parameters({"mass": (0.0, 1e2)})
-    found = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
-    assert 0.5 < found.values[0] < 1.2
+    result = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
+    assert 0.5 < result.values[0] < 1.2
 
 
 @pytest.mark.parametrize("finite", [True, False], ids=["errors too large", "one slope not finite"])
@@ -268,17 +268,17 @@ def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool)
 
     class Diverging(LinearPredictor):
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
-            found, states = super().errors(parameters)
+            result, states = super().errors(parameters)
             if finite:
-                return 1e200 * np.sign(found), states
-            found[:, :, parameters[:, 1] > start[1]] = np.inf
-            return found, states
+                return 1e200 * np.sign(result), states
+            result[:, :, parameters[:, 1] > start[1]] = np.inf
+            return result, states
 
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found = fitting._best_point(predictor, parameters, start, predictor.gains(start, UNIT_NOISE))  # type: ignore[arg-type]
-    np.testing.assert_allclose(found.values, start)
+    result = fitting._best_point(predictor, parameters, start, predictor.gains(start, UNIT_NOISE))  # type: ignore[arg-type]
+    np.testing.assert_allclose(result.values, start)
 
 
 class DriftingPredictor(LinearPredictor):
@@ -314,9 +314,9 @@ def test_fitting_rounds_continue_while_an_estimate_changes(
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     predictor = DriftingPredictor(changes)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    result = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == rounds
-    assert found.values[0] == pytest.approx(sum(changes[: rounds - 1]), abs=1e-3)
+    assert result.values[0] == pytest.approx(sum(changes[: rounds - 1]), abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -343,9 +343,9 @@ def test_fitting_rounds_continue_while_a_disturbance_changes(
     # The disturbance is already at its lower limit, so no smaller one is tried.
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, point, factors: point)
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    result = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == rounds
-    assert found.noise.disturbance[4] == pytest.approx(
+    assert result.noise.disturbance[4] == pytest.approx(
         np.prod([factors[min(i, len(factors) - 1)] for i in range(rounds)])
     )
 
@@ -383,15 +383,15 @@ def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: 
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
     start = point_at(predictor, parameters, noise_with(8.0))
-    found = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
-    np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
-    assert (found is start) == (best == 8.0)
+    actual = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(actual.noise.disturbance, [0.5] * 3 + [expected] * 3)
+    assert (actual is start) == (best == 8.0)
     # The filter gains for the returned noise are computed only once.
     assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # The returned likelihood and gains were computed with the returned noise.
     deviation = predictor.deviation(expected)
-    assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
-    np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
+    assert actual.likelihood == pytest.approx(-200.0 * np.log(deviation))
+    np.testing.assert_allclose(actual.gains.whitening, 1.0 / deviation)
 
 
 def test_parameters_are_not_refitted_if_the_disturbance_is_at_its_lower_limit() -> None:
@@ -400,8 +400,8 @@ def test_parameters_are_not_refitted_if_the_disturbance_is_at_its_lower_limit() 
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
     start = point_at(predictor, parameters, noise)
     searches = len(predictor.filters)
-    found = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
-    assert found is start
+    result = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    assert result is start
     assert len(predictor.filters) == searches
 
 
@@ -417,12 +417,12 @@ def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered:
     if scattered:
         predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
     start = start._replace(values=np.zeros(1), likelihood=-100.0)
-    found = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    result = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     if scattered:
-        assert found is start
+        assert result is start
     else:
-        assert found.noise.disturbance[3] == 0.2
-        assert found.values[0] == pytest.approx(1.0, abs=1e-4)
+        assert result.noise.disturbance[3] == 0.2
+        assert result.values[0] == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
@@ -434,9 +434,9 @@ def test_a_smaller_disturbance_is_fitted_only_if_the_search_may_reach_the_requir
     predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
     parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
     needed = -109.0 + 100.0 * ratio
-    found = point_at(predictor, parameters, noise, min_likelihood=needed)
-    assert found.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
-    assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
+    result = point_at(predictor, parameters, noise, min_likelihood=needed)
+    assert result.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
+    assert result.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
 
 
 def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
@@ -452,11 +452,11 @@ def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
 
     predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    found = point_at(predictor, parameters, UNIT_NOISE)
-    assert points.count(found.values.tobytes()) == 1
-    assert points[-1] != found.values.tobytes()
-    errors, _ = predictor.errors(np.array([found.values]))
-    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
+    result = point_at(predictor, parameters, UNIT_NOISE)
+    assert points.count(result.values.tobytes()) == 1
+    assert points[-1] != result.values.tobytes()
+    errors, _ = predictor.errors(np.array([result.values]))
+    np.testing.assert_allclose(result.errors, errors[:, 0, 0].T)
 
 
 @pytest.mark.parametrize(("mean", "starts_again"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
@@ -473,13 +473,13 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
     deviation = 0.01
     deviation_after_restart = deviation * (0.5 if is_likelier else 2.0)
     predictor = WhiteningPredictor(mean, lambda torque: deviation_after_restart if torque < 1.0 else deviation)
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
-    assert found.values[0] == pytest.approx(mean, abs=1e-3)
+    result = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
+    assert result.values[0] == pytest.approx(mean, abs=1e-3)
     repeated = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
     assert bool(repeated) == starts_again
     if starts_again:
         assert repeated[0] == (0.0, pytest.approx(0.05 * 4.0))
-    assert found.noise.disturbance[3] == pytest.approx(0.2 if starts_again and is_likelier else 4.0)
+    assert result.noise.disturbance[3] == pytest.approx(0.2 if starts_again and is_likelier else 4.0)
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
@@ -499,10 +499,10 @@ def test_disturbing_forces_are_reduced_without_the_torques_and_vice_versa(
 
     predictor.gains = gains  # type: ignore[method-assign]
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
+    actual = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
     expected = np.ones(6)
     expected[axes] = 0.2**2
-    np.testing.assert_allclose(found, expected)
+    np.testing.assert_allclose(actual, expected)
 
 
 class QuadraticLikelihood:
@@ -578,11 +578,11 @@ def test_a_scoring_step_that_lowers_the_likelihood_is_shortened(monkeypatch: pyt
     """A full step is four times too long if the search uses a quarter of the true information."""
     best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best, fraction=0.25)
-    found = noise_found(monkeypatch, likelihood)
-    assert np.all(np.abs(found - best) < 0.5 * np.abs(INITIAL_LOG_NOISE - best))
+    actual = noise_found(monkeypatch, likelihood)
+    assert np.all(np.abs(actual - best) < 0.5 * np.abs(INITIAL_LOG_NOISE - best))
     distances = [float(np.linalg.norm(each - best)) for each in likelihood.evaluated]
     assert distances[1] > 2.0 * distances[0]
-    assert np.linalg.norm(found - best) == pytest.approx(min(distances))
+    assert np.linalg.norm(actual - best) == pytest.approx(min(distances))
     assert len(likelihood.evaluated) == 6
     # Derivatives are computed only where a step begins: at the start, and after each step that increased the
     # likelihood.
@@ -627,13 +627,13 @@ def test_noise_parameters_change_by_at_most_a_factor_of_twelve_and_stay_inside_t
         noise.correlation_time[2] = 0.1
         limits = np.repeat([100.0, 1e3, 20.0], [2, 6, 6])
         limits[thrust] = 0.25
-    found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), noise))
-    np.testing.assert_allclose(found, limits)
+    actual = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), noise))
+    np.testing.assert_allclose(actual, limits)
     if direction > 0.0:
         # If disturbances act along the axes of the body, the limit of 0.25 s applies to the forces on all three axes.
         body_noise = PredictionNoise(noise.measured, noise.disturbance, np.full(6, 0.1))
-        found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body_noise, frame="body"))
-        np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
+        actual = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body_noise, frame="body"))
+        np.testing.assert_allclose(actual[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
 
 
 def test_the_correlation_time_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -641,11 +641,11 @@ def test_the_correlation_time_of_a_negligible_disturbance_is_not_fitted(monkeypa
     start = INITIAL_NOISE._replace(disturbance=disturbance)
     best = np.log(np.concatenate(start)) + 0.4
     likelihood = QuadraticLikelihood(best)
-    found = noise_found(monkeypatch, likelihood, start)
+    result = noise_found(monkeypatch, likelihood, start)
     fixed = [8 + 1, 8 + 4]
     np.testing.assert_array_equal(likelihood.free, [i for i in range(14) if i not in fixed])
-    np.testing.assert_allclose(np.delete(found, fixed), np.delete(best, fixed), atol=1e-4)
-    np.testing.assert_allclose(found[fixed], best[fixed] - 0.4)
+    np.testing.assert_allclose(np.delete(result, fixed), np.delete(best, fixed), atol=1e-4)
+    np.testing.assert_allclose(result[fixed], best[fixed] - 0.4)
 
 
 @pytest.mark.parametrize(
@@ -734,13 +734,13 @@ def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None
 def test_a_fit_has_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_limit(
     value: float, noise: float, disturbance: float, diverged: bool
 ) -> None:
-    found = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
+    result = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
     values = np.array([0.5, value])
     if diverged:
         with pytest.raises(InputError, match="^the fit diverged: "):
-            fitting._check_convergence(values, found)
+            fitting._check_convergence(values, result)
     else:
-        fitting._check_convergence(values, found)
+        fitting._check_convergence(values, result)
 
 
 def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
@@ -750,12 +750,12 @@ def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> No
     whitening[:2] *= 100.0
     counted = np.arange(5) >= 2
     errors = np.random.default_rng(2).normal(size=(3, 3, 2))
-    found = fitting._likelihood(
+    result = fitting._likelihood(
         SimpleNamespace(counted=counted), EMPTY_GAINS._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
     )  # fmt: skip
     normal = scipy.stats.norm(scale=deviations)
     constant = 0.5 * np.log(2.0 * np.pi) * errors.size
-    assert found == pytest.approx(normal.logpdf(errors).sum() + constant)
+    assert result == pytest.approx(normal.logpdf(errors).sum() + constant)
 
 
 def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_information(
@@ -777,16 +777,16 @@ def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_info
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood_of)
     predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
     noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
-    found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=EMPTY_GAINS))  # type: ignore[arg-type]
+    actual = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=EMPTY_GAINS))  # type: ignore[arg-type]
     ((logs, windows, free),) = calls
     np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
     np.testing.assert_array_equal(windows, np.arange(7))
     np.testing.assert_array_equal(free, np.arange(4))
     expected = np.linalg.inv(information[:2, :2])
-    np.testing.assert_allclose(found[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
-    assert found[0, 1] == found[0, 0] == found[1, 1]
-    assert found[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
-    assert found[-1, -1] >= 999.0
+    np.testing.assert_allclose(actual[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
+    assert actual[0, 1] == actual[0, 0] == actual[1, 1]
+    assert actual[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
+    assert actual[-1, -1] >= 999.0
 
 
 def test_the_disturbance_is_reduced_again_as_long_as_the_likelihood_increases(

@@ -63,26 +63,26 @@ def predictor():
 def test_the_explained_variance_of_a_forecast_is_relative_to_a_motion_at_constant_rates(predictor):
     """The baseline has constant velocity, constant angular rates, constant body rates and the mean specific force."""
     stub, _, curved, state = predictor
-    found = forecast(stub, np.array([1.0, 2.0]), NOISE)
-    explained = [output.explained_variance for output in found]
+    actual = forecast(stub, np.array([1.0, 2.0]), NOISE)
+    explained = [output.explained_variance for output in actual]
     expected = [1.0 - 0.5**2, 1.0 - 0.1**2, 1.0]
     np.testing.assert_allclose(explained[:3], expected)
     force = stub.measured[NUM_SETTLING_SAMPLES:, 3]
     unexplained = np.sum(curved[:, 3] ** 2)
     assert explained[3] == pytest.approx(1.0 - unexplained / np.sum((force - force.mean()) ** 2))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
-    np.testing.assert_allclose(found[0].residual.T, 0.5 * curved[:, 0], atol=1e-12)
-    np.testing.assert_allclose(found[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
+    np.testing.assert_allclose(actual[0].residual.T, 0.5 * curved[:, 0], atol=1e-12)
+    np.testing.assert_allclose(actual[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
 
 
 def test_forecast_windows_are_adjacent_in_time(predictor):
     """The outputs have the units of their signals."""
     stub, *_ = predictor
-    found = forecast(stub, np.array([1.0, 2.0]), NOISE)
-    assert [output.name for output in found] == ["position y", "yaw", "body rate p", "specific force along z"]
-    assert [output.unit for output in found] == ["m", "rad", "rad/s", "m/s²"]
+    result = forecast(stub, np.array([1.0, 2.0]), NOISE)
+    assert [output.name for output in result] == ["position y", "yaw", "body rate p", "specific force along z"]
+    assert [output.unit for output in result] == ["m", "rad", "rad/s", "m/s²"]
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)
-    for i, output in enumerate(found):
+    for i, output in enumerate(result):
         np.testing.assert_allclose(output.time, [time + time[-1] * window for window in range(NUM_WINDOWS)])
         np.testing.assert_array_equal(output.measured, stub.measured[NUM_SETTLING_SAMPLES:, i].T)
         assert output.deviation == NOISE.measured[i]

@@ -90,8 +90,8 @@ def test_lift_off_is_where_the_height_above_the_ground_exceeds_three_millimetres
 def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_off():
     """The rotors idle for a second, in which the estimated height rises by 2 cm. It stays constant until 2 s."""
     drifted = np.interp(TIME, [0.0, 1.0], [0.0, 0.02])
-    found = free_flight(record_of(HEIGHT + drifted))
-    assert 0.01 * found.lift_off == pytest.approx(2.0, abs=0.011)
+    result = free_flight(record_of(HEIGHT + drifted))
+    assert 0.01 * result.lift_off == pytest.approx(2.0, abs=0.011)
 
 
 @pytest.fixture(scope="module")
@@ -128,14 +128,14 @@ def take_off(diagrams):
 def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
     """The log was flown by the predicted vehicle. The time of the lift-off is known to a few samples only."""
     scenario, record = take_off
-    found = compare_with_log(record, scenario, samples=1)
-    assert 1.0 < found.time[0] < 1.6
-    assert np.abs(found.logged_error).max() > 0.4
-    rmse = found.predicted_statistics().rmse[0]
-    np.testing.assert_allclose(rmse[:2], found.logged_statistics.rmse[:2], rtol=0.01)
+    result = compare_with_log(record, scenario, samples=1)
+    assert 1.0 < result.time[0] < 1.6
+    assert np.abs(result.logged_error).max() > 0.4
+    rmse = result.predicted_statistics().rmse[0]
+    np.testing.assert_allclose(rmse[:2], result.logged_statistics.rmse[:2], rtol=0.01)
     # If the prediction did not start at the vehicle's position, the error along z would be 2 cm.
-    np.testing.assert_allclose(rmse[2], found.logged_statistics.rmse[2], rtol=0.4)
-    np.testing.assert_allclose(found.predicted[0][-100:], found.logged_error[-100:], atol=5e-3)
+    np.testing.assert_allclose(rmse[2], result.logged_statistics.rmse[2], rtol=0.4)
+    np.testing.assert_allclose(result.predicted[0][-100:], result.logged_error[-100:], atol=5e-3)
 
 
 @pytest.mark.slow
@@ -152,12 +152,12 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
     )
     rows = np.searchsorted(record.time, 0.2 * np.floor(record.time / 0.2 + 1e-9) - 1e-9)
     slow = replace(record, reference_position=record.reference_position[rows], reference_period=0.2)
-    fast, found = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
-    assert len(found.time) > 0.9 * len(fast.time)
-    rows_in_fast = np.searchsorted(fast.time, found.time)
-    np.testing.assert_allclose(found.logged_error, fast.logged_error[rows_in_fast], atol=4e-3)
+    fast, result = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
+    assert len(result.time) > 0.9 * len(fast.time)
+    rows_in_fast = np.searchsorted(fast.time, result.time)
+    np.testing.assert_allclose(result.logged_error, fast.logged_error[rows_in_fast], atol=4e-3)
     np.testing.assert_allclose(
-        found.predicted_statistics().rmse[0, -1], fast.predicted_statistics().rmse[0, -1], rtol=0.1, atol=1e-3
+        result.predicted_statistics().rmse[0, -1], fast.predicted_statistics().rmse[0, -1], rtol=0.1, atol=1e-3
     )
 
 
@@ -173,6 +173,6 @@ def test_samples_after_a_landing_are_not_compared(take_off):
         reference_position=np.vstack([record.reference_position, np.zeros((after, 3))]),
         rotor_speed_command=np.vstack([record.rotor_speed_command, np.zeros((after, 4))]),
     )
-    found = compare_with_log(landed, scenario, samples=1)
-    assert found.time[-1] == record.time[-1]
-    np.testing.assert_array_equal(found.logged_error, compare_with_log(record, scenario, samples=1).logged_error)
+    result = compare_with_log(landed, scenario, samples=1)
+    assert result.time[-1] == record.time[-1]
+    np.testing.assert_array_equal(result.logged_error, compare_with_log(record, scenario, samples=1).logged_error)

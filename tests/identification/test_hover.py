@@ -51,12 +51,12 @@ def test_a_log_that_begins_in_the_air_gives_no_noise_at_rest(record):
 
 
 def test_trim_is_the_mean_over_samples_in_hover(record):
-    found = hover_means(record, WEIGHT)
-    assert found["mean roll"].value == pytest.approx(0.02, abs=4.0 * found["mean roll"].deviation)
-    assert found["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
-    assert found["mean torque about y"].value == pytest.approx(-2e-5, rel=0.02)
-    assert found["mean thrust"].value == pytest.approx(0.3)
-    assert found["mean roll"].deviation < 5e-4
+    result = hover_means(record, WEIGHT)
+    assert result["mean roll"].value == pytest.approx(0.02, abs=4.0 * result["mean roll"].deviation)
+    assert result["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
+    assert result["mean torque about y"].value == pytest.approx(-2e-5, rel=0.02)
+    assert result["mean thrust"].value == pytest.approx(0.3)
+    assert result["mean roll"].deviation < 5e-4
     moving = (TIME > 15.5) & (TIME < 17.0)
     assert hover_means(record.subset(moving), WEIGHT) == {}
 
@@ -139,15 +139,15 @@ def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
     random = np.random.default_rng(4)
     torque = random.normal(size=(2000, 3))
     logged = hovering(torque_command=torque)
-    found = hover_means(logged, WEIGHT)
+    result = hover_means(logged, WEIGHT)
     means = torque.reshape(40, 50, 3).mean(axis=1)
     for i, axis in enumerate("xyz"):
-        spread = found[f"mean torque about {axis}"]
+        spread = result[f"mean torque about {axis}"]
         assert spread.value == pytest.approx(torque[:, i].mean())
         assert spread.deviation == pytest.approx(np.std(means[:, i], ddof=1) / np.sqrt(40))
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
-    assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
-    assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
+    assert (result["mean roll"].unit, result["mean thrust"].unit) == ("rad", "N")
+    assert {*result} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
     # If a command is not logged, the result contains no trim for it.
     without_thrust = hovering(thrust_command=None)
     assert {*hover_means(without_thrust, WEIGHT)} == {"mean roll", "mean pitch"}
@@ -201,12 +201,12 @@ def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller
     """A motor with 0.8 times the thrust factor K in T = K u² needs 1 / sqrt(0.8) times the throttle u."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
     throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
-    found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
-    ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
+    actual = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
+    ratio = actual["mean throttle of motor 3"].value / actual["mean throttle of motor 1"].value
     assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
     # All motors have the same thrust K u², so the squared throttle u² is proportional to 1 / K, which is averaged.
     expected = level / np.mean(1.0 / weak)
-    assert found["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
+    assert actual["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
 
 
 def test_hover_without_attitude_is_detected_from_velocity():

@@ -36,9 +36,9 @@ def simulated_log(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRec
     return record_of(flight, known.samples_per_row), flight.scenario, known.initial_scenario(diagrams)
 
 
-def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
+def outside(identification: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
     """Return the parameters whose interval does not contain the true value, each with its error and half-width."""
-    estimates = found.estimates
+    estimates = identification.estimates
     rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
     errors = {
         name: (value - vehicle_value(true, name), half_width)
@@ -80,25 +80,25 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: i
     Intervals of twice the width all do.
     """
     record, scenario, initial = simulated_log(kind, diagrams, f"duration={seconds}")
-    found = identify([record], initial, held_out_fraction=0.0)
-    assert len(found.estimates.identified) >= 10
-    missed = outside(found, scenario)
+    result = identify([record], initial, held_out_fraction=0.0)
+    assert len(result.estimates.identified) >= 10
+    missed = outside(result, scenario)
     assert len(missed) <= 2, missed
     assert all(abs(error) < 2.0 * half_width for error, half_width in missed.values()), missed
-    assert found.delay is not None
+    assert result.delay is not None
     true = total_delay(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
-    assert abs(found.delay.value - true) < 1.5 * found.delay.half_width
+    assert abs(result.delay.value - true) < 1.5 * result.delay.half_width
 
 
 @pytest.mark.long
 def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
     """The thrust at the voltage in flight is smaller by at least 1.4 %."""
     record, scenario, initial = simulated_log("battery", diagrams, "duration=9")
-    found = identify([record], initial, held_out_fraction=0.0).vehicle.vehicle.motors
-    assert found.voltage == 12.6
+    result = identify([record], initial, held_out_fraction=0.0).vehicle.vehicle.motors
+    assert result.voltage == 12.6
     assert np.all((record.of("battery_voltage")[100:] / 12.6) ** 2 < 0.986)
     throttle = np.median(record.of("motor_command"))
-    thrust, true = (np.polyval(motors.curve[::-1], throttle) for motors in (found, scenario.vehicle.motors))
+    thrust, true = (np.polyval(motors.curve[::-1], throttle) for motors in (result, scenario.vehicle.motors))
     assert thrust == pytest.approx(true, rel=0.003)
 
 
@@ -110,8 +110,8 @@ def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Pat
     duration = min(flight_duration(scenario, plan_route(scenario)), 6.0)
     flight = simulate(scenario.model_copy(update={"duration": duration}), sample=0, compiled=True)
     flight.save(tmp_path)
-    found = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_fraction=0.0)
-    assert not outside(found, flight.scenario)
+    result = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_fraction=0.0)
+    assert not outside(result, flight.scenario)
 
 
 @pytest.mark.long
@@ -126,10 +126,10 @@ def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
     (flight,) = simulate_samples(scenario, [0], compiled=True)
     record = record_of(flight)
     heights = replace(record, attitude=None, velocity=None, body_rates=None)
-    found = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_fraction=0.0)
-    assert found.estimates.value("thrust_factor") == pytest.approx(3.9e-5, rel=0.01)
-    assert not outside(found, scenario)
-    assert "inertia[0]" not in found.estimates.names
+    result = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_fraction=0.0)
+    assert result.estimates.value("thrust_factor") == pytest.approx(3.9e-5, rel=0.01)
+    assert not outside(result, scenario)
+    assert "inertia[0]" not in result.estimates.names
 
 
 @pytest.mark.long
@@ -137,12 +137,12 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     """A log in Neural-Fly's format determines the thrust curve, and drag along x, the direction of flight."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
     scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=10", "metrics.start=0"])
-    found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_fraction=0.0)
-    missed = outside(found, scenario)
+    result = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_fraction=0.0)
+    missed = outside(result, scenario)
     assert len(missed) <= 2, missed
-    assert "body_drag.linear[0]" in found.estimates.identified
-    assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
-    assert "autopilot.damping[2]" in found.estimates.not_identified
+    assert "body_drag.linear[0]" in result.estimates.identified
+    assert result.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
+    assert "autopilot.damping[2]" in result.estimates.not_identified
 
 
 @pytest.mark.long
@@ -150,9 +150,9 @@ def test_a_log_of_hover_gives_no_thrust_curve(root: Path) -> None:
     """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
     record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")
-    found = identify([record], base, held_out_fraction=0.0).estimates
-    assert not any(name.startswith(("motors.curve", "inertia", "rotor_time")) for name in found.identified)
-    curve = [found.value(f"motors.curve[{power}]") for power in range(3)]
+    result = identify([record], base, held_out_fraction=0.0).estimates
+    assert not any(name.startswith(("motors.curve", "inertia", "rotor_time")) for name in result.identified)
+    curve = [result.value(f"motors.curve[{power}]") for power in range(3)]
     thrust = np.polyval(curve[::-1], np.linspace(0.0, 1.0, 50))
     assert np.all(thrust >= 0.0)
     assert np.all(np.diff(thrust) >= 0.0)

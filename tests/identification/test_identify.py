@@ -49,18 +49,18 @@ def attitudes(root):
     ],
 )
 def test_measurements_are_predicted_and_derived_signals_are_not(logged, predicted):
-    found = prepared_logs._outputs([record(1.0, *logged)], False)
-    assert found == [Output(name, column) for name in predicted for column in range(3)]
+    result = prepared_logs._outputs([record(1.0, *logged)], False)
+    assert result == [Output(name, column) for name in predicted for column in range(3)]
 
 
 def test_only_signals_that_all_logs_have_are_predicted():
-    found = prepared_logs._outputs(
+    result = prepared_logs._outputs(
         [record(1.0, *POSE_SIGNALS, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False
     )
-    assert {output.signal for output in found} == {"body_rates", FORCE}
+    assert {output.signal for output in result} == {"body_rates", FORCE}
     # An attitude that lags because an estimator computes it is not predicted, but the body rates of the gyroscope are.
-    found = prepared_logs._outputs([record(1.0, *POSE_SIGNALS, "body_rates")], True)
-    assert {output.signal for output in found} == {"position", "body_rates"}
+    result = prepared_logs._outputs([record(1.0, *POSE_SIGNALS, "body_rates")], True)
+    assert {output.signal for output in result} == {"position", "body_rates"}
     assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
     with pytest.raises(InputError, match="to identify a vehicle, logs need body_rates with specific_force, attitude"):
         prepared_logs._outputs([record(1.0, "specific_force")], False)
@@ -142,11 +142,11 @@ def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
     vehicle = rotors.vehicle
     speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
     log = record(6.0, *POSE_SIGNALS, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
-    found = identify([log], rotors)
-    assert found.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
-    assert "thrust_factor" in found.estimates.identified
-    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_identified}
-    assert np.isfinite(found.estimates.intervals()).all()
+    result = identify([log], rotors)
+    assert result.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
+    assert "thrust_factor" in result.estimates.identified
+    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*result.estimates.not_identified}
+    assert np.isfinite(result.estimates.intervals()).all()
 
 
 def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
@@ -200,8 +200,8 @@ def climbing(vehicle, seconds):
 def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_delay(rotors):
     """The log is from an independent simulation of one axis; the 95 % intervals contain its parameters."""
     calm = load_scenario("laboratory:low_wind", ["vehicle.linear_drag=0", "vehicle.quadratic_drag=0"])
-    found = identify([climbing(calm.vehicle, 8.0)], calm)
-    estimates = found.estimates
+    result = identify([climbing(calm.vehicle, 8.0)], calm)
+    estimates = result.estimates
     low, high = np.transpose(estimates.intervals())
     for name, true in (
         ("thrust_factor", THRUST_RATIO * calm.vehicle.thrust_factor),
@@ -211,11 +211,11 @@ def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_d
         index = estimates.names.index(name)
         assert name in estimates.identified
         assert low[index] < true < high[index], name
-    assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.half_width < 0.1 * TRANSPORT_DELAY
+    assert abs(result.delay.value - TRANSPORT_DELAY) < result.delay.half_width < 0.1 * TRANSPORT_DELAY
     assert estimates.value("thrust_factor") == pytest.approx(THRUST_RATIO * calm.vehicle.thrust_factor, rel=1e-3)
     assert estimates.value("rotor_time_constant") == pytest.approx(LAG, rel=0.05)
     # 400 samples determine the noise to within 1 / √800.
-    assert found.noise.measured == pytest.approx([HEIGHT_NOISE], rel=0.15)
+    assert result.noise.measured == pytest.approx([HEIGHT_NOISE], rel=0.15)
 
 
 def forecast_of(*explained):
@@ -251,11 +251,11 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     ]
     values, deviations = np.array([3.1, 0.0, 0.002]), np.array([0.1, 0.01, 0.0015])
     uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
-    found = identifiability.not_identified(parameters, values, uncertainty)
-    assert "at the limit of what is physically possible" in found["linear_drag"]
+    result = identifiability.not_identified(parameters, values, uncertainty)
+    assert "at the limit of what is physically possible" in result["linear_drag"]
     # The interval of a positive parameter would extend below zero.
-    assert "its 95 % interval is 0.0020 ± 0.0031" in found["inertia[0]"]
-    assert set(found) == {"linear_drag", "inertia[0]"}
+    assert "its 95 % interval is 0.0020 ± 0.0031" in result["inertia[0]"]
+    assert set(result) == {"linear_drag", "inertia[0]"}
 
 
 def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_given(rotors):
@@ -273,11 +273,11 @@ def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_giv
     for force, is_below in ((0.1, False), (0.4, True)):
         noise = PredictionNoise(np.ones(3), np.full(6, force), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.array([0.2, 0.01]))
-        found = identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted)
-        assert set(found) == ({"linear_drag"} if is_below else set())
+        actual = identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted)
+        assert set(actual) == ({"linear_drag"} if is_below else set())
         if is_below:
             expected = f"the disturbing force, such as wind, is {mass * force:.2g} N, but the drag force is only 0.2 N"
-            assert found["linear_drag"] == expected
+            assert actual["linear_drag"] == expected
 
 
 def test_an_angle_response_is_not_identified_if_the_angle_command_is_below_the_noise():
@@ -289,9 +289,9 @@ def test_an_angle_response_is_not_identified_if_the_angle_command_is_below_the_n
     )
     parameters = [Parameter(f"autopilot.damping[{i}]", 0.5, 0.5, 0.01, 5.0) for i in range(3)]
     noise = PredictionNoise(np.full(3, 4e-3), np.ones(6), np.ones(6))
-    found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
-    assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
-    assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
+    result = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
+    assert set(result) == {"autopilot.damping[1]", "autopilot.damping[2]"}
+    assert result["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
     rates = SimpleNamespace(**{**vars(logs), "outputs": [Output("body_rates", 0)]})
     assert identifiability.unexcited_parameters(rates, parameters, SimpleNamespace(noise=noise)) == {}
 
@@ -353,8 +353,8 @@ def test_a_parameter_is_excited_if_its_command_varies_in_flight_in_at_least_one_
     ):
         records, masks = zip(*map(lambda size, usable: command(size, flying=usable), sizes, flying), strict=True)
         logs = SimpleNamespace(outputs=outputs, records=records, flying=masks)
-        found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
-        assert set(found) == ({"autopilot.natural_frequency[1]"} if is_unexcited else set()), sizes
+        result = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
+        assert set(result) == ({"autopilot.natural_frequency[1]"} if is_unexcited else set()), sizes
 
 
 @pytest.mark.parametrize(
@@ -366,8 +366,8 @@ def test_an_identified_parameter_has_an_interval_narrower_than_its_prior_that_ex
     """The half-width is 2.04 standard deviations for 30 degrees of freedom."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
-    found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
-    assert (found == {}) == identified
+    result = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
+    assert (result == {}) == identified
 
 
 def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, attitudes):

@@ -97,19 +97,19 @@ def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_sho
         turning = channel(signal, 0.0, 6.0, 0.25)
         yaw = 3.0 * turning.values
         wrapped = turning._replace(values=np.arctan2(np.sin(yaw), np.cos(yaw)))
-        found = conversion._resampled(wrapped, clock, inside)
-        assert np.abs(found).max() <= np.pi
+        actual = conversion._resampled(wrapped, clock, inside)
+        assert np.abs(actual).max() <= np.pi
         if not conversion.is_held(signal):
-            expected = np.broadcast_to(3.0 * clock[inside][:, None], found.shape)
-            np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-9)
+            expected = np.broadcast_to(3.0 * clock[inside][:, None], actual.shape)
+            np.testing.assert_allclose(np.exp(1j * actual), np.exp(1j * expected), atol=1e-9)
     # A signal on the record's clock is unchanged, unless some of its values are missing.
     complete = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
     np.testing.assert_array_equal(conversion._resampled(complete, complete.clock, inside), complete.values[inside])
     incomplete = complete._replace(rows=np.delete(complete.rows, 30), values=np.delete(complete.values, 30, axis=0))
-    found = conversion._resampled(incomplete, complete.clock, inside)
+    actual = conversion._resampled(incomplete, complete.clock, inside)
     expected = complete.values.copy()
     expected[30] = 0.5 * (complete.values[29] + complete.values[31])
-    np.testing.assert_allclose(found, expected[inside])
+    np.testing.assert_allclose(actual, expected[inside])
 
 
 @pytest.mark.parametrize(
@@ -130,18 +130,18 @@ def test_rows_with_impossible_commands_are_left_out_as_damaged(unit, scale, mini
         columns["c"][[2, 4]] = command * scale
         table = Table("motors", 7.0 + np.arange(5.0), columns, 6.9 + np.arange(5.0))
         remarks = []
-        found = conversion._without_damaged_rows(table, mapping, remarks)
+        result = conversion._without_damaged_rows(table, mapping, remarks)
         if damaged:
-            assert found.time.tolist() == [7.0, 8.0, 10.0]
-            np.testing.assert_allclose(found.sample_time, [6.9, 7.9, 9.9])
-            assert len(found.columns["a"]) == 3
+            assert result.time.tolist() == [7.0, 8.0, 10.0]
+            np.testing.assert_allclose(result.sample_time, [6.9, 7.9, 9.9])
+            assert len(result.columns["a"]) == 3
             (remark,) = remarks
             assert remark.startswith(
                 "2 of 5 samples are left out, first at 2 s: the log is damaged, with motor commands"
             )
             assert remark.endswith(f" of up to {abs(command):.3g} times the full command")
         else:
-            assert (found is table, remarks) == (True, [])
+            assert (result is table, remarks) == (True, [])
     other_table = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
     assert conversion._without_damaged_rows(other_table, mapping, []) is other_table
 
@@ -285,7 +285,7 @@ def test_quaternions_are_converted_to_roll_pitch_and_yaw(order, frame):
     logged = quaternion if order == "wxyz" else np.roll(quaternion, -1, axis=1)
     table = Table("", np.arange(20.0), {"q": logged})
     mapping = Mapping(signals={"attitude": {"column": "q", "quaternion": order, **({"frame": frame} if frame else {})}})
-    found = conversion._values("attitude", mapping.signals["attitude"][0], table)
+    result = conversion._values("attitude", mapping.signals["attitude"][0], table)
     known = np.delete(np.arange(20), [5, 6])
-    np.testing.assert_allclose(found[known], angles[known], atol=1e-9)
-    assert np.isnan(found[[5, 6]]).all()
+    np.testing.assert_allclose(result[known], angles[known], atol=1e-9)
+    assert np.isnan(result[[5, 6]]).all()

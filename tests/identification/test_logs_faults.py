@@ -16,9 +16,9 @@ ANGLES = ("attitude", "attitude_command")
 @pytest.fixture(scope="module")
 def known() -> dict[str, Fault]:
     """Return the faults of all signals by their descriptions, which are unique."""
-    found = [*faults(SIGNALS)]
-    assert len(found) == len({fault.text for fault in found})
-    return {fault.text: fault for fault in found}
+    result = [*faults(SIGNALS)]
+    assert len(result) == len({fault.text for fault in result})
+    return {fault.text: fault for fault in result}
 
 
 def test_the_description_of_a_wrong_sign_names_the_axes(known: dict[str, Fault]) -> None:

@@ -319,8 +319,8 @@ def test_ros_messages_are_decoded_by_the_definitions_of_the_bag_or_the_standard_
     for definitions, names in (({}, "xyz"), (bag_definitions, "abc"), ({"other_msgs/Other": "float64 a"}, "xyz")):
         decoder = _Decoder(typesys, definitions)
         for spelling in (kind, "geometry_msgs/Vector3"):
-            found = decoder(data, spelling)
-            assert [getattr(found, name) for name in names] == [1.0, 2.0, 3.0]
+            result = decoder(data, spelling)
+            assert [getattr(result, name) for name in names] == [1.0, 2.0, 3.0]
 
 
 def rows_of(kind, *times, behind=None):
@@ -395,15 +395,15 @@ def content_of(*messages, error=None):
 
 
 def test_a_damaged_bag_is_read_up_to_the_damage():
-    found = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
-    (table,) = found.tables
+    result = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
+    (table,) = result.tables
     np.testing.assert_array_equal(table.columns["/a.x"], [1.0, 3.0])
     # A topic whose first message cannot be decoded is left out.
-    assert found.remarks == ["the messages of /b cannot be decoded"]
-    assert found.names == ["/b", "/c"]
+    assert result.remarks == ["the messages of /b cannot be decoded"]
+    assert result.names == ["/b", "/c"]
     error = ValueError(" no\n chunk ")
-    found = content_of(("/a", 1.0), error=error)
-    assert found.remarks == ["the log is truncated or damaged; it is read up to this error: no chunk"]
+    result = content_of(("/a", 1.0), error=error)
+    assert result.remarks == ["the log is truncated or damaged; it is read up to this error: no chunk"]
     for messages in ((), (("/c", 1.0),), (("/a", None),)):
         with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
             content_of(*messages, error=error)

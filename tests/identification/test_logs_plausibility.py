@@ -66,10 +66,10 @@ def path(count=400, period=0.01):
 def test_a_jump_is_a_step_that_no_vehicle_can_fly(period, size, is_reported, axis):
     time, position = path(period=period)
     position[200:, axis] += size
-    found = list(position_jumps(7.0 + time, position))
-    assert bool(found) == is_reported
+    result = list(position_jumps(7.0 + time, position))
+    assert bool(result) == is_reported
     if is_reported:
-        assert found[0].startswith(f"position jumps once, by up to {size:.2g} m at {time[200]:.4g} s:")
+        assert result[0].startswith(f"position jumps once, by up to {size:.2g} m at {time[200]:.4g} s:")
 
 
 def test_the_largest_of_several_jumps_is_reported():
@@ -102,10 +102,10 @@ def test_steps_up_to_eight_times_the_usual_ones_count_as_noise(ratio, is_reporte
     position[:, 0] = 0.02 * (np.arange(len(time)) % 2)
     # The step before sample 201 differs from its neighbours by the usual 4 cm and by the added jump.
     position[201:, 0] += (ratio - 1.0) * 0.04
-    found = list(position_jumps(time, position))
-    assert bool(found) == is_reported
+    result = list(position_jumps(time, position))
+    assert bool(result) == is_reported
     if is_reported:
-        assert found[0].startswith("position jumps once, by up to 0.32 m at 2.01 s:")
+        assert result[0].startswith("position jumps once, by up to 0.32 m at 2.01 s:")
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -146,11 +146,11 @@ def test_a_reference_is_reported_if_its_distance_exceeds_two_metres_and_the_exte
     position[:, 0] = np.linspace(0.0, extent, len(time))
     reference = position.copy()
     reference[150:, 1] += distance
-    found = list(implausible_signals({"position": position, "reference_position": reference}, time))
-    assert bool(found) == is_reported
+    result = list(implausible_signals({"position": position, "reference_position": reference}, time))
+    assert bool(result) == is_reported
     if is_reported:
         limit = max(2.0, extent)
-        assert found[0].startswith(
+        assert result[0].startswith(
             f"reference_position is up to {distance:.3g} m away from a vehicle that moves by {limit:.3g} m,"
             " first at 1.5 s:"
         )

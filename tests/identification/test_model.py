@@ -98,12 +98,12 @@ def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, 
     """A first-order lag leaves exp(-h/T) of the difference after a step of any length."""
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
-    found = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), model_parameters))
-    for before, target, after in zip(SPEEDS, command, found, strict=True):
+    result = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), model_parameters))
+    for before, target, after in zip(SPEEDS, command, result, strict=True):
         lag = vehicle.rotor_time_constant if target > before else vehicle.rotor_time_constant_down
         assert after == pytest.approx(target + (before - target) * np.exp(-h / lag))
     np.testing.assert_allclose(
-        found,
+        result,
         step(STATE, SPEEDS, command, LEVEL, STILL, NO_DISTURBANCE, Span(h, 1.0), model_parameters, "world")[1],
     )
     assert rotors_at_rest(command, Span(h, 1.0), model_parameters) == pytest.approx(command)
@@ -135,9 +135,9 @@ def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_divided_by_the_thr
     ramp = 12.0 - 0.02 * time
     log = FlightRecord("log", time, battery_voltage=ramp + 0.1 * random.normal(size=2000))
     model = LogModel(with_throttles(scenario), (), voltage=12.0)
-    found = relative_voltage(log, model)
+    result = relative_voltage(log, model)
     inside = slice(50, -50)
-    error = (12.0 * found - ramp)[inside]
+    error = (12.0 * result - ramp)[inside]
     assert abs(error.std() / (0.1 / np.sqrt(11)) - 1.0) < 0.1
     # Rotors that are commanded by speed, and logs without a voltage, have a relative voltage of one.
     for record, other in ((log, LogModel(scenario, (), voltage=12.0)), (uneven_record(), model)):
@@ -212,10 +212,10 @@ def test_an_attitude_response_has_the_commanded_attitude_among_its_inputs():
     inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 40)], sizes, split=1, max_delay=0.0)
     np.testing.assert_array_equal(inputs.commands[:, 4:, 0], angles[33:48])
     assert (vehicle.responds, vehicle.throttles, vehicle.command_signal) == (True, True, "motor_command")
-    found = vehicle.physical_parameters(np.ones((1, 0))).response
+    result = vehicle.physical_parameters(np.ones((1, 0))).response
     autopilot = responding.laboratory.autopilot
-    assert tuple(found.frequencies if hasattr(found, "frequencies") else found[0]) == autopilot.natural_frequency
-    assert tuple(found[1]) == autopilot.damping
+    assert tuple(result.frequencies if hasattr(result, "frequencies") else result[0]) == autopilot.natural_frequency
+    assert tuple(result[1]) == autopilot.damping
 
 
 @pytest.mark.parametrize("named", [(), MISALIGNMENT[:2], MISALIGNMENT[1:], MISALIGNMENT])
@@ -232,14 +232,14 @@ def test_the_measured_attitude_includes_the_marker_misalignment_of_its_parameter
     flight = ModelFlight(vehicle, np.column_stack([np.full(3, 0.7), angles]), inputs, 0)
     state = np.zeros((NUM_BODY + NUM_DISTURBANCE, 3, 2))
     state[3:6] = 0.5 * random.normal(size=(3, 3, 2))
-    found = flight.measured_attitude(state)
+    actual = flight.measured_attitude(state)
     for k in range(3):
         frame = [
             angles[k, named.index(name)] if name in named else misalignment[i] for i, name in enumerate(MISALIGNMENT)
         ]
         for w in range(2):
             expected = Rotation.from_euler("ZYX", state[5:2:-1, k, w]) * Rotation.from_euler("ZYX", frame[::-1])
-            np.testing.assert_allclose(found[::-1, k, w], expected.as_euler("ZYX"), atol=1e-9)
+            np.testing.assert_allclose(actual[::-1, k, w], expected.as_euler("ZYX"), atol=1e-9)
     # If the markers are aligned with the body, the measured attitude is that of the body.
     aligned = LogModel(load_scenario("laboratory:low_wind"), ["mass"])
     flight = ModelFlight(aligned, np.full((3, 1), 0.7), inputs, 0)
@@ -300,14 +300,14 @@ def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenar
     masses = np.array([[0.5], [0.8]])
     model = ModelFlight(vehicle, masses, inputs, 3)
     states = np.random.default_rng(1).normal(scale=0.3, size=(NUM_BODY + NUM_DISTURBANCE, 2, 2))
-    found, forces = states.copy(), model.specific_force(states)
-    model.step(found)
+    result, forces = states.copy(), model.specific_force(states)
+    model.step(result)
     for k, (mass,) in enumerate(masses):
         with_mass = model_parameters._replace(parameters=model_parameters.parameters._replace(mass=mass))
         for w in range(2):
             body, disturbance = State(*states[:NUM_BODY, k, w]), Disturbance(*states[NUM_BODY:, k, w])
             np.testing.assert_allclose(
-                found[:NUM_BODY, k, w],
+                result[:NUM_BODY, k, w],
                 step(body, SPEEDS, SPEEDS, LEVEL, air, disturbance, Span(PERIOD, 1.0), with_mass, kind)[0],
                 atol=1e-9,
             )
@@ -316,7 +316,7 @@ def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenar
                 specific_force(body, SPEEDS, SPEEDS, air, disturbance, Span(PERIOD, 1.0), with_mass, kind),
                 atol=1e-9,
             )
-    np.testing.assert_array_equal(found[NUM_BODY:], states[NUM_BODY:])
+    np.testing.assert_array_equal(result[NUM_BODY:], states[NUM_BODY:])
 
 
 @pytest.mark.parametrize("base", ["laboratory:low_wind", "neural_fly:still"])

@@ -54,10 +54,10 @@ def responding(root):
 def test_thrust_and_torque_are_allocated_as_by_the_firmware(flight, record):
     """The link delays commands by two ticks. The parameters of the identified vehicle do not change the allocation."""
     wrench_alone = replace(record, rotor_speed_command=None)
-    found = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
-    np.testing.assert_allclose(found[:-2], record.rotor_speed_command[2:], rtol=1e-9)
+    result = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
+    np.testing.assert_allclose(result[:-2], record.rotor_speed_command[2:], rtol=1e-9)
     lighter = with_vehicle_values(flight.scenario, {"thrust_factor": 2e-5})
-    np.testing.assert_array_equal(with_commands(wrench_alone, lighter, flight.scenario).rotor_speed_command, found)
+    np.testing.assert_array_equal(with_commands(wrench_alone, lighter, flight.scenario).rotor_speed_command, result)
 
 
 @pytest.mark.parametrize(("priority", "given"), [("roll_pitch", 0.1), ("thrust", 0.0)])
@@ -79,9 +79,9 @@ def test_the_firmware_reduces_the_component_without_priority(root, record, prior
 def test_logged_motor_commands_have_priority_over_allocated_commands(flight, record, responding):
     assert with_commands(record, flight.scenario, flight.scenario) is record
     vehicle, log = responding
-    found = with_commands(log, vehicle, vehicle)
-    np.testing.assert_array_equal(found.motor_command, np.tile(log.thrust_fraction[:, None], 4))
-    np.testing.assert_allclose(found.attitude_command, np.unwrap(log.attitude_command, axis=0))
+    result = with_commands(log, vehicle, vehicle)
+    np.testing.assert_array_equal(result.motor_command, np.tile(log.thrust_fraction[:, None], 4))
+    np.testing.assert_allclose(result.attitude_command, np.unwrap(log.attitude_command, axis=0))
     motors = np.random.default_rng(1).uniform(size=(len(log.time), 4))
     np.testing.assert_array_equal(
         with_commands(replace(log, motor_command=motors), vehicle, vehicle).motor_command, motors

@@ -13,13 +13,13 @@ PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "refere
 
 def law_of(*axes, form="acceleration", half_width=1e-3):
     """Return a law from the gains of X, Y and Z. A gain is a value, or a value with the half-width of its interval."""
-    found = []
+    result = []
     for name, gains in zip("xyz", axes, strict=True):
         pairs = {key: value if isinstance(value, tuple) else (value, half_width) for key, value in gains.items()}
         spreads = {key: EstimatedValue(value, width / quantile(9.0), "", 9.0) for key, (value, width) in pairs.items()}
-        found.append(AxisLaw((name,), spreads, 0.999))
+        result.append(AxisLaw((name,), spreads, 0.999))
     # The order of the axes does not matter.
-    return PositionLaw(tuple(found[::-1]), form, 0.0)
+    return PositionLaw(tuple(result[::-1]), form, 0.0)
 
 
 def control_of(*axes, **options):

@@ -61,12 +61,12 @@ def smoothed(values):
 
 def eroded(mask):
     """Return a mask of the samples that are in the given mask with their two neighbours on each side."""
-    found = mask.copy()
+    result = mask.copy()
     for distance in (1, 2):
-        found[distance:] &= mask[:-distance]
-        found[:-distance] &= mask[distance:]
-    found[:2] = found[-2:] = False
-    return found
+        result[distance:] &= mask[:-distance]
+        result[:-distance] &= mask[distance:]
+    result[:2] = result[-2:] = False
+    return result
 
 
 def integrals(values):
@@ -85,11 +85,11 @@ def in_axes_of(form, record, values):
 
 def test_pieces_contain_the_signals_of_the_log_and_the_command_of_each_form(vehicle):
     record, remarks = record_of(), []
-    found, limited = prepared_pieces(record, vehicle, remarks)
-    assert {*found} == {*FORMS}
+    actual, limited = prepared_pieces(record, vehicle, remarks)
+    assert {*actual} == {*FORMS}
     reference, velocity, acceleration = polynomials(TIME)
     thrust = record.thrust_command / vehicle.nominal.mass
-    for form, (piece,) in found.items():
+    for form, (piece,) in actual.items():
         expected = {
             "command": law_output(record, thrust, form, vehicle.nominal.gravity),
             "error": in_axes_of(form, record, 1.5 * reference),
@@ -124,11 +124,11 @@ def test_the_deviation_is_the_position_noise_in_the_form_decoupled_and_zero_in_a
     """The deviation is the noise of the logged position plus the first position error."""
     reference, *_ = polynomials(TIME)
     wrong = 1e-3 * np.random.default_rng(7).normal(size=(600, 3))
-    found, _ = prepared_pieces(record_of(position=-0.5 * reference - wrong), vehicle, [])
-    for form, (piece,) in found.items():
+    result, _ = prepared_pieces(record_of(position=-0.5 * reference - wrong), vehicle, [])
+    for form, (piece,) in result.items():
         if form != "decoupled":
             assert not piece.deviation.any()
-    (piece,) = found["decoupled"]
+    (piece,) = result["decoupled"]
     rest = (piece.deviation - smoothed(wrong))[2:-2]
     np.testing.assert_allclose(rest, np.tile(rest[0], (len(rest), 1)), atol=1e-9)
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
@@ -142,8 +142,8 @@ def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does
     They produce the fraction 1 + u_z / g of the horizontal output.
     """
     record, gravity = record_of(), vehicle.nominal.gravity
-    found, _ = prepared_pieces(record, vehicle, [])
-    for form, (piece,) in found.items():
+    result, _ = prepared_pieces(record, vehicle, [])
+    for form, (piece,) in result.items():
         if form != "decoupled":
             assert not piece.anti_windup.any()
     output = law_output(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
@@ -152,21 +152,21 @@ def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does
     produced = (1.0 + output[sinks, 2:] / gravity) * output[sinks, :2]
     missing[sinks, :2] = output[sinks, :2] - produced
     assert 100 < sinks.sum() < 500
-    np.testing.assert_allclose(found["decoupled"][0].anti_windup, integrals(smoothed(missing)), atol=1e-12)
+    np.testing.assert_allclose(result["decoupled"][0].anti_windup, integrals(smoothed(missing)), atol=1e-12)
 
 
 def test_derivatives_that_are_not_logged_follow_from_fitted_parabolas(vehicle):
     """Smoothing does not change lines, except at the ends."""
     _, velocity, acceleration = polynomials(TIME)
-    found, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
-    (piece,) = found["acceleration"]
+    result, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
+    (piece,) = result["acceleration"]
     np.testing.assert_allclose(piece.velocity, smoothed(-0.5 * velocity), atol=1e-9)
     np.testing.assert_allclose(piece.reference_velocity, smoothed(velocity), atol=1e-9)
     np.testing.assert_allclose(piece.reference_acceleration, acceleration, atol=1e-7)
     logged = np.random.default_rng(1).normal(size=(600, 3))
     for lost in ({}, {"reference_velocity": None}):
-        found, _ = prepared_pieces(record_of(reference_acceleration=logged, **lost), vehicle, [])
-        np.testing.assert_allclose(found["heading"][0].reference_acceleration, smoothed(logged), atol=1e-12)
+        result, _ = prepared_pieces(record_of(reference_acceleration=logged, **lost), vehicle, [])
+        np.testing.assert_allclose(result["heading"][0].reference_acceleration, smoothed(logged), atol=1e-12)
 
 
 @pytest.mark.parametrize(("period", "half"), [(0.01, 5), (0.02, 2), (0.05, 2), (0.004, 12)])
@@ -176,11 +176,11 @@ def test_parabolas_last_a_tenth_of_a_second_and_have_at_least_five_samples(vehic
     reference, velocity, _ = polynomials(time)
     wrong_sample = len(time) // 2
     reference[wrong_sample, 0] += 1e-4
-    found, _ = prepared_pieces(record_of(time, reference_position=reference, reference_velocity=None), vehicle, [])
+    result, _ = prepared_pieces(record_of(time, reference_position=reference, reference_velocity=None), vehicle, [])
     distances = np.arange(-half, half + 1)
     wrong = velocity.copy()
     wrong[wrong_sample - half : wrong_sample + half + 1, 0] -= 1e-4 * distances / np.sum(distances**2) / period
-    np.testing.assert_allclose(found["acceleration"][0].reference_velocity, smoothed(wrong), atol=1e-9)
+    np.testing.assert_allclose(result["acceleration"][0].reference_velocity, smoothed(wrong), atol=1e-9)
 
 
 def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
@@ -192,8 +192,8 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     """
     reference, *_ = polynomials(TIME)
     reference[300:, 2] += 0.2
-    found, _ = prepared_pieces(record_of(reference_position=reference), vehicle, [])
-    (piece,) = found["acceleration"]
+    result, _ = prepared_pieces(record_of(reference_position=reference), vehicle, [])
+    (piece,) = result["acceleration"]
     left_out = np.setdiff1d(np.arange(17, 598), np.flatnonzero(piece.counted))
     assert np.all(np.diff(left_out) == 1)
     assert 293 <= left_out[0] < 297
@@ -202,8 +202,8 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     # A reference jumps if its acceleration exceeds 50 m/s².
     for size, counts in ((49.0, True), (51.0, False)):
         bent = 0.5 * size * np.maximum(TIME - 3.0, 0.0)[:, None] ** 2 * np.array([0.0, 1.0, 0.0])
-        found, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
-        assert found["acceleration"][0].counted[400] == counts
+        result, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
+        assert result["acceleration"][0].counted[400] == counts
 
 
 def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicle):
@@ -214,8 +214,8 @@ def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicl
     time = PERIOD * np.arange(700)
     time = np.concatenate([time[:217], time[230:450], time[463:680]])
     record = record_of(time)
-    found, limited = prepared_pieces(record, vehicle, [])
-    (piece,) = found["acceleration"]
+    actual, limited = prepared_pieces(record, vehicle, [])
+    (piece,) = actual["acceleration"]
     np.testing.assert_array_equal(piece.time, time[217:437])
     np.testing.assert_allclose(piece.error, smoothed(1.5 * record.reference_position[217:437]))
     thrust = record.thrust_command / vehicle.nominal.mass
@@ -241,8 +241,8 @@ def test_samples_at_a_limit_and_on_the_ground_are_not_used_in_the_regression(veh
     angles = record_of(time).attitude_command
     cut = np.column_stack([np.minimum(angles[:, 0], 0.15), angles[:, 1:]])
     thrust = np.where(time < 6.0, 0.3, 0.0) + 0.05 * np.sin(6.0 * time) * (time < 6.0)
-    found, limited = prepared_pieces(record_of(time, attitude_command=cut, thrust_command=thrust), vehicle, [])
-    (piece,) = found["acceleration"]
+    result, limited = prepared_pieces(record_of(time, attitude_command=cut, thrust_command=thrust), vehicle, [])
+    (piece,) = result["acceleration"]
     # The last second before the landing is left out.
     assert not piece.counted[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
@@ -267,13 +267,13 @@ def test_logs_without_motion_are_refused(vehicle):
 
 def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
     record, remarks = record_of(), []
-    found, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
+    actual, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
     thrust = record.thrust_command / vehicle.nominal.mass
     expected = thrust[:, None] * rotation_matrices(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
         [0.0, 0.0, vehicle.nominal.gravity]
     )
     for form in ("acceleration", "heading", "projected"):
-        np.testing.assert_allclose(found[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
+        np.testing.assert_allclose(actual[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
     assert remarks[0] == (
         "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
     )
@@ -344,8 +344,8 @@ def test_a_clipped_command_is_at_a_limit(name, sign):
     """Samples next to the limit, or at the other extreme, are not in the mask."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
-    found = limited(**{name: sign * size * cut})
-    np.testing.assert_array_equal(found, cut == 0.8)
+    result = limited(**{name: sign * size * cut})
+    np.testing.assert_array_equal(result, cut == 0.8)
     assert not limited().any()
 
 
@@ -355,9 +355,9 @@ def test_a_clipped_tilt_is_at_a_limit():
     direction = 0.037 * np.arange(2000)
     pitch = np.arcsin(np.sin(tilt) * np.cos(direction))
     roll = np.arctan2(np.sin(tilt) * np.sin(direction), np.cos(tilt))
-    found = limited(roll=roll, pitch=pitch)
-    assert found[tilt == 0.2].all()
-    assert not found[tilt < 0.199].any()
+    result = limited(roll=roll, pitch=pitch)
+    assert result[tilt == 0.2].all()
+    assert not result[tilt < 0.199].any()
 
 
 def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme():

@@ -96,13 +96,13 @@ def test_a_law_is_recovered_from_noise_free_commands(terms, shape, free, axes):
         Shape(0.0, 0.2 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.35),
         Shape(0.14, 0.4 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.05),
     ]
-    found = search_fit(pieces, axes, terms, starts, free)
-    assert (found.terms, found.free) == (terms, free)
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in terms], rtol=0.01)
-    np.testing.assert_allclose(found.shape.delay, shape.delay, atol=3e-4)
-    np.testing.assert_allclose(found.shape.filter_time, shape.filter_time, atol=1e-3)
-    np.testing.assert_allclose(found.shape.error_limit, shape.error_limit, atol=1e-3)
-    assert found.explained_variance > 0.99999
+    result = search_fit(pieces, axes, terms, starts, free)
+    assert (result.terms, result.free) == (terms, free)
+    np.testing.assert_allclose(result.gains, [GAINS[name] for name in terms], rtol=0.01)
+    np.testing.assert_allclose(result.shape.delay, shape.delay, atol=3e-4)
+    np.testing.assert_allclose(result.shape.filter_time, shape.filter_time, atol=1e-3)
+    np.testing.assert_allclose(result.shape.error_limit, shape.error_limit, atol=1e-3)
+    assert result.explained_variance > 0.99999
 
 
 def test_the_search_begins_at_the_best_start():
@@ -121,10 +121,10 @@ def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
     undelayed = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
     command = np.interp(piece.time - delay, piece.time, undelayed)
     counted = piece.counted & (piece.time >= 0.15)
-    found = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
-    assert found.shape.delay == pytest.approx(delay, abs=2e-4)
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC_TERMS], rtol=0.02)
-    assert (found.terms, found.free) == (BASIC_TERMS, ("delay",))
+    result = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
+    assert result.shape.delay == pytest.approx(delay, abs=2e-4)
+    np.testing.assert_allclose(result.gains, [GAINS[name] for name in BASIC_TERMS], rtol=0.02)
+    assert (result.terms, result.free) == (BASIC_TERMS, ("delay",))
 
 
 @pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
@@ -137,8 +137,8 @@ def test_an_identified_delay_is_between_minus_one_sample_and_0_15_s(delay, expec
 
 def test_the_time_constant_of_a_filter_is_at_most_half_a_second():
     pieces = [flown(shape=Shape(0.0, 2.0))]
-    found = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.0, 0.3)], ("filter_time",))
-    assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
+    result = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.0, 0.3)], ("filter_time",))
+    assert result.shape.filter_time == pytest.approx(0.5, abs=2e-4)
 
 
 def noisy_pieces(samples=60):
@@ -163,15 +163,15 @@ def stacked(pieces, axes, terms):
     """Return the regressors, with a constant and a linear trend for each stretch, and the commands of the pieces."""
     sign = {"velocity": -1.0, "displacement": -1.0, "anti_windup": -1.0}
     values = {"position": "error", "displacement": "travel"}
-    found, commands, free = [], [], []
+    result, commands, free = [], [], []
     for axis in axes:
         for piece in pieces:
             counted = piece.counted
             columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[counted, axis] for name in terms]
-            found.append(np.column_stack(columns))
+            result.append(np.column_stack(columns))
             commands.append(piece.command[counted, axis])
             free.append(np.column_stack([np.ones(counted.sum()), piece.time[counted]]))
-    return np.concatenate(found), np.concatenate(commands), scipy.linalg.block_diag(*free)
+    return np.concatenate(result), np.concatenate(commands), scipy.linalg.block_diag(*free)
 
 
 @pytest.mark.parametrize("axes", [(2,), (0, 1)])
@@ -182,11 +182,11 @@ def test_gains_are_the_least_squares_solution_with_a_linear_trend_per_stretch_an
     solution = np.linalg.lstsq(together, commands, rcond=None)[0]
     residuals = commands - together @ solution
     detrended = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
-    found = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
-    np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
-    np.testing.assert_allclose(found.residuals, residuals, atol=1e-10)
-    assert found.explained_variance == pytest.approx(1.0 - residuals @ residuals / (detrended @ detrended))
-    assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
+    result = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
+    np.testing.assert_allclose(result.gains, solution[: len(terms)], rtol=1e-8)
+    np.testing.assert_allclose(result.residuals, residuals, atol=1e-10)
+    assert result.explained_variance == pytest.approx(1.0 - residuals @ residuals / (detrended @ detrended))
+    assert (result.terms, result.shape, result.free) == (terms, Shape(), ("delay",))
 
 
 def test_the_explained_variance_of_a_constant_command_is_nan():
@@ -197,7 +197,7 @@ def test_the_explained_variance_of_a_constant_command_is_nan():
 def test_the_regressors_are_the_terms_of_the_law():
     piece = noisy_pieces()[1]
     terms = (*GAINS, *NUISANCE_TERMS)
-    found = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
+    actual = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
     error = np.clip(piece.error[:, 1], -0.5, 0.5)
     assert np.ptp(error) == 1.0
 
@@ -216,15 +216,15 @@ def test_the_regressors_are_the_terms_of_the_law():
         "double_integral": integral(integral(error)),
     }
     for name, values in expected.items():
-        np.testing.assert_allclose(found[name], values, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(actual[name], values, atol=1e-12, err_msg=name)
 
 
 def test_the_velocity_filter_is_a_first_order_lag_that_starts_in_steady_state():
     """The response to a ramp is exact to third order in the period, and does not start with a jump."""
     piece = flown()
     constant = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
-    found = regression._columns(constant, 0, ("velocity",), Shape(0.0, 0.1))
-    np.testing.assert_allclose(found, -2.0)
+    actual = regression._columns(constant, 0, ("velocity",), Shape(0.0, 0.1))
+    np.testing.assert_allclose(actual, -2.0)
     ramp = piece._replace(velocity=np.tile(piece.time[:, None], 3))
     ramp_response = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
     # The response to the ramp r(t) = t is t - τ (1 - exp(-t / τ)).
@@ -402,18 +402,18 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
 def test_the_terms_of_a_law_are_recovered(terms, shape, additional):
     """No filter, limit or double integral is found if the law has none."""
     piece = flown(terms, shape, noise=0.02)
-    found = select_fit([piece], (0,))
-    assert {*found.terms, *found.free} == {*BASIC_TERMS, "delay", *additional}
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
-    assert found.shape.delay == pytest.approx(0.05, abs=0.01)
+    result = select_fit([piece], (0,))
+    assert {*result.terms, *result.free} == {*BASIC_TERMS, "delay", *additional}
+    np.testing.assert_allclose(result.gains, [GAINS[name] for name in result.terms], rtol=0.1)
+    assert result.shape.delay == pytest.approx(0.05, abs=0.01)
 
 
 def test_an_error_limit_is_found_if_a_fifth_of_the_errors_exceed_it():
     """No limit is found in a flight without one."""
     limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
-    found = fit_with_limit([flown(BASIC_TERMS[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
-    assert found.free == ("delay", "error_limit")
-    assert found.shape.error_limit == pytest.approx(limit, rel=0.05)
+    result = fit_with_limit([flown(BASIC_TERMS[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
+    assert result.free == ("delay", "error_limit")
+    assert result.shape.error_limit == pytest.approx(limit, rel=0.05)
     assert fit_with_limit([flown(noise=0.02)], (0,)).free == ("delay",)
 
 
@@ -448,18 +448,18 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_form_that_fits_best(m
     parts = [flown(shape=Shape(0.05), noise=0.02, begin=begin, seconds=4.0) for begin in (0.0, 20.0)]
     noises = {"decoupled": 1.0, "heading": 0.0}
     logs = [{form: [scaled(part, *factors, noise=noises[form])] for form in forms} for part in parts]
-    found = identify_position_law(
+    result = identify_position_law(
         *prepared(
             monkeypatch,
             (logs[0], np.array([True, False, False])),
             (logs[1], np.array([False])),
         )
     )
-    assert found.form == "heading"
-    assert found.at_limits == 0.25
-    assert found.remarks == ("a remark on each log",)
-    assert (found.not_identified, ["".join(each.axes) for each in found.axes]) == ({}, groups)
-    for each in found.axes:
+    assert result.form == "heading"
+    assert result.at_limits == 0.25
+    assert result.remarks == ("a remark on each log",)
+    assert (result.not_identified, ["".join(each.axes) for each in result.axes]) == ({}, groups)
+    for each in result.axes:
         factor = factors["xyz".index(each.axes[0])]
         for name in BASIC_TERMS:
             spread = each.gains[name]
@@ -472,10 +472,10 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_form_that_fits_best(m
 @pytest.mark.long
 def test_an_axis_is_refused_if_no_law_explains_its_command(monkeypatch):
     piece = scaled(flown(seconds=3.0, noise=0.02), 1.0, 1.0, 1.0, noise=3.0)
-    found = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
-    assert [each.axes for each in found.axes] == [("x", "y")]
-    assert {*found.not_identified} == {"z"}
-    assert "of the variance of the command, but must explain at least 95 %" in found.not_identified["z"]
+    result = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
+    assert [each.axes for each in result.axes] == [("x", "y")]
+    assert {*result.not_identified} == {"z"}
+    assert "of the variance of the command, but must explain at least 95 %" in result.not_identified["z"]
     noise = piece._replace(command=np.random.default_rng(2).normal(size=piece.command.shape))
     with pytest.raises(InputError, match="^cannot identify the position law: x: a linear law .*; y: a linear law "):
         identify_position_law(*prepared(monkeypatch, ({"heading": [noise]}, np.zeros(1))))
@@ -521,11 +521,11 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_its_velocity_gain_is_uncertain
     monkeypatch.setattr(law, "select_fit", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
     monkeypatch.setattr(law, "_axis_law", axis_law)
     monkeypatch.setattr(law, "_have_same_law", compared)
-    found = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
-    assert ["".join(each.axes) for each in found.axes] == groups
-    assert [*found.not_identified] == refused
+    result = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
+    assert ["".join(each.axes) for each in result.axes] == groups
+    assert [*result.not_identified] == refused
     if imprecise:
-        assert found.not_identified[refused[0]] == "velocity: too wide"
+        assert result.not_identified[refused[0]] == "velocity: too wide"
 
 
 def test_a_poor_fit_is_reported_with_the_fraction_that_it_explains():
@@ -562,12 +562,12 @@ def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monk
 def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units):
     half_widths, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
     monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (half_widths, freedoms))
-    found = law._estimates([], axes, fit_of_everything(), form)
-    assert [*found] == [*BASIC_TERMS, "delay"]
-    np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
-    np.testing.assert_allclose([each.half_width for each in found.values()], half_widths)
-    assert [each.degrees_of_freedom for each in found.values()] == freedoms.tolist()
-    assert [each.unit for each in found.values()] == [*units, "s"]
+    result = law._estimates([], axes, fit_of_everything(), form)
+    assert [*result] == [*BASIC_TERMS, "delay"]
+    np.testing.assert_allclose([each.value for each in result.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
+    np.testing.assert_allclose([each.half_width for each in result.values()], half_widths)
+    assert [each.degrees_of_freedom for each in result.values()] == freedoms.tolist()
+    assert [each.unit for each in result.values()] == [*units, "s"]
     assert law._UNITS["double_integral"] == ("1/s⁴", "rad/(m s²)")
 
 
@@ -609,18 +609,18 @@ def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(mo
     fit = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.05)], ("delay",))
     imprecise = {"position": "wide", "displacement": "wide", "delay": "wide"}
     monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(imprecise))
-    found = law._axis_law(pieces, (0,), "heading", fit)
+    result = law._axis_law(pieces, (0,), "heading", fit)
     identified = tuple(name for name in BASIC_TERMS if name != "displacement")
     refit = search_fit(pieces, (0,), identified, [fit.shape], ("delay",))
-    assert found.not_identified == imprecise
-    assert {*found.gains} == {*identified} - {"position"}
+    assert result.not_identified == imprecise
+    assert {*result.gains} == {*identified} - {"position"}
     wide, narrow = (law._estimates(pieces, (0,), each, "heading") for each in (fit, refit))
-    for name, spread in found.gains.items():
+    for name, spread in result.gains.items():
         assert spread.value == narrow[name].value
         assert spread.deviation == max(wide[name].deviation, narrow[name].deviation)
-    assert found.explained_variance == refit.explained_variance != fit.explained_variance
-    assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in found.gains)
-    assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
+    assert result.explained_variance == refit.explained_variance != fit.explained_variance
+    assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in result.gains)
+    assert (result.gain("velocity"), result.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
 
 def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
@@ -632,12 +632,12 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     fit = search_fit([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
     fit = fit._replace(shape=fit.shape._replace(error_limit=limit))
     monkeypatch.setattr(law, "_imprecise", lambda spreads: {})
-    found = law._axis_law([piece], (0, 1), "heading", fit)
-    assert found.axes == ("x", "y")
-    assert found.not_identified == dict.fromkeys(BASIC_TERMS[2:5], "the reference does not move along this axis")
-    assert {*found.gains} == {"position", "velocity", "integral", "delay"}
-    assert found.explained_variance == fit.explained_variance
-    assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)
+    result = law._axis_law([piece], (0, 1), "heading", fit)
+    assert result.axes == ("x", "y")
+    assert result.not_identified == dict.fromkeys(BASIC_TERMS[2:5], "the reference does not move along this axis")
+    assert {*result.gains} == {"position", "velocity", "integral", "delay"}
+    assert result.explained_variance == fit.explained_variance
+    assert result.at_error_limit == pytest.approx(0.25, abs=1e-3)
 
 
 def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(monkeypatch):
@@ -653,8 +653,8 @@ def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(
     expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
     assert law._log_unexplained(pieces) == pytest.approx(expected, rel=1e-6)
     # Every third of 2000 samples is used, which is more than 600 samples.
-    for found, piece in zip(used[0], pieces, strict=True):
+    for actual, piece in zip(used[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
-        np.testing.assert_array_equal(found, every[piece.counted[every]])
+        np.testing.assert_array_equal(actual, every[piece.counted[every]])
     law._log_unexplained([flown(seconds=6.0)])
     np.testing.assert_array_equal(used[-1][0], np.arange(100, 600))

@@ -91,11 +91,11 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
 def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out):
     """Velocities and rates that are not logged follow from positions and attitudes."""
     log = replace(moving([0.02, -0.03, 0.2], seconds=3.0), **dict.fromkeys(left_out))
-    found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
-    for quantity in found.errors:
-        for horizon in found.horizons:
+    result = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
+    for quantity in result.errors:
+        for horizon in result.horizons:
             for simple in PREDICTORS_WITHOUT_MODEL:
-                assert found.rmse(quantity, simple, horizon).value < 1e-6, (quantity, simple)
+                assert result.rmse(quantity, simple, horizon).value < 1e-6, (quantity, simple)
 
 
 @pytest.mark.slow
@@ -105,17 +105,17 @@ def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, 
     """The errors at constant velocity are the displacement, velocity change and angle that the accelerations cause."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
     log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
-    found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
+    actual = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
     expected = {
         "position": lambda h: 0.5 * 0.5 * h**2,
         "velocity": lambda h: 0.5 * h,
         "attitude": lambda h: 0.5 * 0.3 * angular * h**2,
         "body_rates": lambda h: 0.3 * angular * h,
     }
-    for quantity in found.errors:
-        for horizon in found.horizons:
-            assert found.rmse(quantity, CONSTANT_ACCELERATION, horizon).value < 1e-6
-            velocity = found.rmse(quantity, CONSTANT_VELOCITY, horizon).value
+    for quantity in actual.errors:
+        for horizon in actual.horizons:
+            assert actual.rmse(quantity, CONSTANT_ACCELERATION, horizon).value < 1e-6
+            velocity = actual.rmse(quantity, CONSTANT_VELOCITY, horizon).value
             assert velocity == pytest.approx(expected[quantity](horizon), rel=1e-3)
 
 
@@ -135,9 +135,9 @@ def test_a_prediction_with_a_vehicle_starts_from_the_velocity_of_the_kalman_filt
     """Position noise affects the velocity from the last few samples much more than the velocity of the filter."""
     random = np.random.default_rng(1)
     position = record.position + 2e-3 * random.normal(size=record.position.shape)
-    found = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
-    for horizon in found.horizons:
-        assert found.better("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
+    result = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
+    for horizon in result.horizons:
+        assert result.better("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
 
 
 @pytest.mark.long
@@ -176,8 +176,8 @@ def test_a_vehicle_that_predicts_significantly_worse_than_a_baseline_is_reported
     similar_errors = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
     errors = np.stack([2.0 * similar_errors, similar_errors, 3.0 * similar_errors])
     names = ("mine", *PREDICTORS_WITHOUT_MODEL)
-    found = of_errors(errors, names, quantity="body_rates").losses("mine")
-    assert found == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
+    result = of_errors(errors, names, quantity="body_rates").losses("mine")
+    assert result == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
     scattered_errors = np.stack(
         [np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * similar_errors]
     )
@@ -191,10 +191,10 @@ def test_intervals_of_an_rms_error_follow_from_blocks():
     errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))
-    found = given.rmse("position", "one", 0.5)
+    result = given.rmse("position", "one", 0.5)
     half_width = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
-    assert found.value == pytest.approx(math.sqrt(np.mean(squares)))
-    assert found.high == pytest.approx(found.value * math.exp(half_width), rel=1e-6)
+    assert result.value == pytest.approx(math.sqrt(np.mean(squares)))
+    assert result.high == pytest.approx(result.value * math.exp(half_width), rel=1e-6)
     assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
     assert concatenate_predictions([given, given]).starts(0.5) == 12
     single = Predictions(
@@ -249,11 +249,11 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
     time = np.concatenate([np.arange(0.0, 8.0, 0.1), np.arange(0.0, 4.0, 0.1)])
     log = np.array(["a"] * 80 + ["b"] * 40)
     errors = np.repeat(sizes, 20)[None, None]
-    found = Predictions(("one",), (2.0,), log, time, {"position": errors}).rmse("position", "one", 2.0)
+    result = Predictions(("one",), (2.0,), log, time, {"position": errors}).rmse("position", "one", 2.0)
     squares = sizes**2
     half_width = quantile(5) * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
-    assert found.high / found.value == pytest.approx(math.exp(half_width), rel=1e-6)
-    assert found.low / found.value == pytest.approx(math.exp(-half_width), rel=1e-6)
+    assert result.high / result.value == pytest.approx(math.exp(half_width), rel=1e-6)
+    assert result.low / result.value == pytest.approx(math.exp(-half_width), rel=1e-6)
     empty = Predictions(("one",), (2.0,), log, time, {"position": np.full((1, 1, 120), np.nan)})
     assert np.isnan(empty.rmse("position", "one", 2.0)).all()
     assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
@@ -279,17 +279,17 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     landed = np.where((log.time > 5.0) & (log.time < 7.0), 0.0, 200.0)
     outside_gap = (log.time < 9.0) | (log.time > 9.3)
     log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).subset(outside_gap)
-    found = predict(log, {"vehicle": scenario}, horizons=(0.1, 0.5))
-    for i, horizon in enumerate(found.horizons):
-        reached = np.isfinite(found.errors["position"][0, i])
-        ends = found.time[reached] + horizon
-        assert found.time.min() >= 0.4
-        for start, end in zip(found.time[reached], ends, strict=True):
+    result = predict(log, {"vehicle": scenario}, horizons=(0.1, 0.5))
+    for i, horizon in enumerate(result.horizons):
+        reached = np.isfinite(result.errors["position"][0, i])
+        ends = result.time[reached] + horizon
+        assert result.time.min() >= 0.4
+        for start, end in zip(result.time[reached], ends, strict=True):
             assert end < 9.0 or start > 9.0, "across a gap"
             assert end < 5.0 or start > 7.0, "on the ground"
-        after = found.time[found.time > 9.2]
+        after = result.time[result.time > 9.2]
         assert after.min() >= 9.3 + 0.04
-    assert np.isfinite(found.errors["position"][0, 0]).sum() > np.isfinite(found.errors["position"][0, 1]).sum() > 20
+    assert np.isfinite(result.errors["position"][0, 0]).sum() > np.isfinite(result.errors["position"][0, 1]).sum() > 20
 
 
 def test_predictions_start_every_tenth_of_a_second_with_time_for_filter_and_horizon():
@@ -356,18 +356,18 @@ def test_prediction_errors_are_norms_of_differences_and_the_angle_between_attitu
     starts, steps = np.array([10, 30, 60]), [5, 20]
     predicted = [random.normal(size=(12, 3)) for _ in steps]
     measured = ("position", "attitude", "velocity", "body_rates")
-    found = prediction._errors(log, measured, predicted, starts, steps, False)
-    assert set(found) == {*measured}
+    actual = prediction._errors(log, measured, predicted, starts, steps, False)
+    assert set(actual) == {*measured}
     for h, (step, state) in enumerate(zip(steps, predicted, strict=True)):
         for s, start in enumerate(starts):
             position, attitude, velocity, rates = np.split(state[:, s], 4)
             for name, value in (("position", position), ("velocity", velocity), ("body_rates", rates)):
                 expected = np.linalg.norm(value - log.of(name)[start + step])
-                assert found[name][h, s] == pytest.approx(expected)
+                assert actual[name][h, s] == pytest.approx(expected)
             turn = Rotation.from_euler("ZYX", attitude[::-1]).inv() * Rotation.from_euler(
                 "ZYX", log.attitude[start + step][::-1]
             )
-            assert found["attitude"][h, s] == pytest.approx(np.linalg.norm(turn.as_rotvec()))
+            assert actual["attitude"][h, s] == pytest.approx(np.linalg.norm(turn.as_rotvec()))
     level = prediction._errors(log, ("position", "velocity"), predicted, starts, steps, True)
     assert set(level) == {"height", "climb"}
     np.testing.assert_allclose(level["height"][1], np.abs(predicted[1][2] - log.position[starts + 20, 2]))
@@ -439,8 +439,8 @@ def test_the_height_of_a_flight_without_attitude_is_predicted(root):
     base = with_throttles(load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0287"]))
     folder = root / "tests" / "data" / "crazyflie" / "crazypad"
     first, second = (read_log(folder / f"normal_flight_E8_log0{i}.xz") for i in (0, 1))
-    found = identify([first], base, held_out_fraction=0.0)
-    vehicles = {"identified": found.vehicle, "data sheet": base}
+    result = identify([first], base, held_out_fraction=0.0)
+    vehicles = {"identified": result.vehicle, "data sheet": base}
     predictions = predict(second, vehicles, nominal=base, horizons=(0.5,))
     assert set(predictions.errors) == {"height", "climb"}
     assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8

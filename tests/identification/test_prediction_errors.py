@@ -74,8 +74,8 @@ def test_the_measurement_update_is_that_of_a_kalman_filter():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
-    found = prediction_errors._update(covariance, output, variances)
-    for P, H, *update in zip(covariance, output, *found, strict=True):
+    result = prediction_errors._update(covariance, output, variances)
+    for P, H, *update in zip(covariance, output, *result, strict=True):
         S = H @ P @ H.T + variances
         K = P @ H.T @ np.linalg.inv(S)
         complement = np.eye(5) - K @ H
@@ -102,8 +102,8 @@ def test_the_variance_of_a_disturbance_is_stationary(scenario, log):
 def test_the_variance_of_a_mean_force_follows_from_its_correlation_time(duration):
     """The variance of the mean is the variance times the mean of exp(-|t - s| / T) over all pairs of times."""
     noise = noise_of(POSE)
-    found = noise.mean_force(duration)
-    for deviation, force, memory in zip(found, noise.force, noise.correlation_time, strict=False):
+    result = noise.mean_force(duration)
+    for deviation, force, memory in zip(result, noise.force, noise.correlation_time, strict=False):
         integral, _ = scipy.integrate.quad(lambda t, T=memory: 2.0 * (duration - t) * np.exp(-t / T), 0.0, duration)
         assert deviation == pytest.approx(force * np.sqrt(integral) / duration)
 
@@ -329,9 +329,9 @@ def test_linearised_errors_approximate_the_errors_of_a_filter_with_changed_noise
         return filtered.errors[10:][:, :, chosen].transpose(0, 2, 1) / levels, covariances / np.outer(levels, levels)
 
     for c, other in enumerate(others):
-        found = errors[:, c] / levels, spreads[:, c] / np.outer(levels, levels)
+        result = errors[:, c] / levels, spreads[:, c] / np.outer(levels, levels)
         for actual, initial, expected in zip(
-            found, relative_errors(gains), relative_errors(predictor.gains(values, other)), strict=True
+            result, relative_errors(gains), relative_errors(predictor.gains(values, other)), strict=True
         ):
             assert np.linalg.norm(actual - expected) <= tolerance * np.linalg.norm(expected - initial) + 1e-6
 
@@ -347,8 +347,8 @@ def test_several_sets_of_noise_parameters_are_linearised_together(scenario, log,
     ]
     together = predictor.linearised_errors(gains, [noise_of(outputs, **first), *changed_noise], chosen)
     for c, other in enumerate(changed_noise, 1):
-        for found, alone in zip(together, predictor.linearised_errors(gains, [other], chosen), strict=True):
-            change, expected = found[:, c] - found[:, 0], alone[:, 0] - found[:, 0]
+        for actual, alone in zip(together, predictor.linearised_errors(gains, [other], chosen), strict=True):
+            change, expected = actual[:, c] - actual[:, 0], alone[:, 0] - actual[:, 0]
             assert np.linalg.norm(expected) > 1e-9
             assert np.linalg.norm(change - expected) < 0.01 * np.linalg.norm(expected)
 
@@ -381,11 +381,11 @@ def test_the_maximum_likelihood_noise_is_the_noise_of_the_log(scenario, values):
             size=(6, 5)
         )
     predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
-    found = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.correlation_time)
+    result = PredictionNoise(2.0 * true.measured, 0.5 * true.disturbance, true.correlation_time)
     for _ in range(2):
-        found = fitting._noise_of(predictor, predictor.gains(values, found))
-    np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
-    np.testing.assert_allclose(found.disturbance, true.disturbance, rtol=0.4)
+        result = fitting._noise_of(predictor, predictor.gains(values, result))
+    np.testing.assert_allclose(result.measured, true.measured, rtol=0.1)
+    np.testing.assert_allclose(result.disturbance, true.disturbance, rtol=0.4)
 
 
 @pytest.mark.slow
@@ -399,18 +399,18 @@ def test_a_fit_minimises_the_whitened_errors_of_windows_that_continue_each_other
         Parameter(name, 1.2 * value, value, 0.5 * value, 2.0 * value)
         for name, value in zip(("mass", "linear_drag"), values, strict=True)
     ]
-    found = fitting.fit(predictor, parameters, noise)
-    assert found.jacobian.shape == (3, 20 * 6, 2)
-    assert found.errors.shape == (3, 20 * 6)
+    result = fitting.fit(predictor, parameters, noise)
+    assert result.jacobian.shape == (3, 20 * 6, 2)
+    assert result.errors.shape == (3, 20 * 6)
     np.testing.assert_array_equal(predictor.initial.continued, [False, True, False])
-    np.testing.assert_array_equal(predictor.initial.parameters, found.values)
-    inside = (found.values > 0.501 * values) & (found.values < 1.999 * values)
-    jacobian = np.einsum("wkp,wk->p", found.jacobian, found.errors) + found.prior * (found.values - 1.2 * values)
-    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.jacobian, found.jacobian) + found.prior)
+    np.testing.assert_array_equal(predictor.initial.parameters, result.values)
+    inside = (result.values > 0.501 * values) & (result.values < 1.999 * values)
+    jacobian = np.einsum("wkp,wk->p", result.jacobian, result.errors) + result.prior * (result.values - 1.2 * values)
+    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", result.jacobian, result.jacobian) + result.prior)
     assert np.abs(jacobian * deviations)[inside].max(initial=0.0) < 0.5
     # The mass is inside its limits, because the thrust in the log determines the weight.
     assert inside[0]
-    assert found.values[0] == pytest.approx(values[0], rel=0.2)
+    assert result.values[0] == pytest.approx(values[0], rel=0.2)
 
 
 def test_a_yaw_that_wraps_is_predicted_like_one_that_does_not(scenario, log, values):
@@ -455,8 +455,8 @@ def test_every_window_has_the_same_weight_in_the_estimate_of_the_noise(scenario,
     white = np.repeat([1e-3, 4e-3], 3)
     predictor.measured = white[:, None] * [1.0, 1.0, 3.0] * random.normal(size=(120, 6, 3))
     initial = PredictionNoise(2.0 * white, np.full(6, 1e-2), np.full(6, 0.5))
-    found = fitting._noise_of(predictor, predictor.gains(values, initial))
-    np.testing.assert_allclose(found.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
+    result = fitting._noise_of(predictor, predictor.gains(values, initial))
+    np.testing.assert_allclose(result.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
 
 
 def test_limiting_the_correlation_time_of_forces_leaves_other_noise_parameters_free(scenario, log, values):
@@ -467,8 +467,8 @@ def test_limiting_the_correlation_time_of_forces_leaves_other_noise_parameters_f
     model = LogModel(scenario, ["mass"], frame="body")
     predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     initial = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))
-    found = fitting._noise_of(predictor, predictor.gains(values[:1], initial))
-    assert found.correlation_time[:3].max() <= 0.25 * (1.0 + 1e-9)
+    result = fitting._noise_of(predictor, predictor.gains(values[:1], initial))
+    assert result.correlation_time[:3].max() <= 0.25 * (1.0 + 1e-9)
     # A noise parameter changes by at most a factor of 12.
-    assert found.disturbance.min() > 5.0 / 12.2
-    assert found.measured[3:].min() > 30.0 * 0.3 / 12.2
+    assert result.disturbance.min() > 5.0 / 12.2
+    assert result.measured[3:].min() > 30.0 * 0.3 / 12.2

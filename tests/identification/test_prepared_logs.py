@@ -129,12 +129,12 @@ def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(
     """If there are few windows, each window is a block."""
     logs, _ = prepare([log_of(seconds, *POSE)], rotors)
     predictor = logs.predictor((), logs.flying)
-    found = window_blocks(predictor)
-    assert len(found) == len(predictor.windows)
-    assert (found[0], found[-1]) == (0, blocks - 1)
-    assert set(np.diff(found)) <= {0, 1}
+    result = window_blocks(predictor)
+    assert len(result) == len(predictor.windows)
+    assert (result[0], result[-1]) == (0, blocks - 1)
+    assert set(np.diff(result)) <= {0, 1}
     # The sizes of blocks differ by at most one window.
-    assert np.ptp(np.bincount(found)) <= 1
+    assert np.ptp(np.bincount(result)) <= 1
 
 
 def test_a_filter_initially_assumes_a_large_disturbance_with_a_short_correlation_time() -> None:
@@ -174,10 +174,10 @@ def test_a_residual_force_is_converted_with_the_commanded_thrust_from_the_logged
         ),
         "share of full thrust": ({"thrust_fraction": fractions}, 4.0 * (k_0 + k_1 * fractions + k_2 * fractions**2)),
     }[kind]
-    found = prepared_logs._with_specific_force(replace(log_with_residual_force, **signals), attitudes).specific_force
-    assert found is not None
+    actual = prepared_logs._with_specific_force(replace(log_with_residual_force, **signals), attitudes).specific_force
+    assert actual is not None
     expected = np.column_stack([np.full(50, -1.0), np.full(50, -0.5), 2.0 + thrust]) / vehicle.mass
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(actual, expected, atol=1e-12)
 
 
 def test_a_residual_force_is_ignored_if_the_commanded_thrust_is_unknown(

@@ -149,10 +149,10 @@ def test_each_field_is_left_out_where_its_flag_marks_it_as_invalid():
     every = [name for names in fields.values() for name in names]
     data = {name: np.arange(4.0) for name in every} | {flag: np.ones(4) for flag in fields}
     for flag, names in fields.items():
-        found = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
+        actual = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
         for name in every:
             expected = [0.0, np.nan, 2.0, np.nan] if name in names else [0.0, 1.0, 2.0, 3.0]
-            np.testing.assert_array_equal(found[name], expected)
+            np.testing.assert_array_equal(actual[name], expected)
         others = without_invalid_samples("vehicle_attitude", data | {flag: np.zeros(4)})
         np.testing.assert_array_equal(others["x"], data["x"])
     assert {*without_invalid_samples("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
@@ -161,8 +161,8 @@ def test_each_field_is_left_out_where_its_flag_marks_it_as_invalid():
 def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     data = {f"output[{i}]": np.full(3, 1000.0 + 50.0 * i) for i in range(16)}
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
-    found, remarks = with_motor_pulses(data, parameters)
-    np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
+    actual, remarks = with_motor_pulses(data, parameters)
+    np.testing.assert_allclose([actual[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
     phrase = "the pulse range of the motors, from off to full throttle, is"
     assert remarks[0] == f"{phrase} 1000 to 2000 µs, assumed, since the log contains no such parameter"
     assert (
@@ -171,9 +171,9 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     )
     # A limit of 0 µs is valid. If `PWM_MAIN_MIN` is negative, the more general parameter `PWM_MIN` applies.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
-    found, remarks = with_motor_pulses(data, limits)
+    actual, remarks = with_motor_pulses(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
-    np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
+    np.testing.assert_allclose([actual[f"output[{i}]"][0] for i in range(2)], expected)
     assert remarks == [
         f"{phrase} 900 to 1900, 0 to 1900 µs, according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
     ]

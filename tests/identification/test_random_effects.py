@@ -26,10 +26,10 @@ def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> E
     jacobian = np.stack([np.ones(NUM_SEGMENTS), -2.0 + deviation * rng.normal(size=NUM_SEGMENTS)], axis=1)
     parameters_of_window = jacobian[np.arange(windows) * NUM_SEGMENTS // windows]
     values = np.einsum("wkp,wp->wk", rows, parameters_of_window) + rng.normal(size=(windows, samples))
-    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
-    errors = values - rows @ found
+    result = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    errors = values - rows @ result
     return Evidence(
-        ("drag", "lag"), found, PRIOR_SCALES, rows.swapaxes(1, 2) @ rows, -np.einsum("wkp,wk->wp", rows, errors), 80.0
+        ("drag", "lag"), result, PRIOR_SCALES, rows.swapaxes(1, 2) @ rows, -np.einsum("wkp,wk->wp", rows, errors), 80.0
     )
 
 
@@ -51,14 +51,14 @@ def test_the_variation_of_a_parameter_is_zero_if_the_log_contains_no_information
         information=np.pad(informative.information, [(0, 0), (0, 1), (0, 1)]),
         scores=np.pad(informative.scores, [(0, 0), (0, 1)]),
     )
-    found, known = estimate_variation(extended), estimate_variation(informative)
-    assert found is not None
+    result, known = estimate_variation(extended), estimate_variation(informative)
+    assert result is not None
     assert known is not None
-    np.testing.assert_allclose(found.covariance[:2, :2], known.covariance, rtol=1e-9)
-    np.testing.assert_array_equal(found.covariance[2], [*zeros, 0.0])
+    np.testing.assert_allclose(result.covariance[:2, :2], known.covariance, rtol=1e-9)
+    np.testing.assert_array_equal(result.covariance[2], [*zeros, 0.0])
     # If the jackknife finds no variance, the variance of the mean is also zero.
     uncertainty = jackknife(extended.information, extended.scores)
-    mean = uncertainty_of_mean(uncertainty, extended, found)
+    mean = uncertainty_of_mean(uncertainty, extended, result)
     assert np.isfinite(mean.covariance).all()
     assert mean.covariance[2, 2] == 0.0
 
@@ -68,9 +68,9 @@ def test_each_stretch_of_flight_is_fitted_separately() -> None:
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(20, 5, 2))
     values = rows @ [1.0, -2.0] + rng.normal(size=(20, 5))
-    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
-    scores = -np.einsum("wkp,wk->wp", rows, values - rows @ found)
-    stretches = FlightSegments.of(Evidence(("a", "b"), found, PRIOR_SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
+    actual = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    scores = -np.einsum("wkp,wk->wp", rows, values - rows @ actual)
+    stretches = FlightSegments.of(Evidence(("a", "b"), actual, PRIOR_SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
     for b in range(NUM_SEGMENTS):
         windows = slice(2 * b, 2 * b + 2)
         expected = np.linalg.lstsq(rows[windows].reshape(-1, 2), values[windows].ravel(), rcond=None)[0]
@@ -78,7 +78,7 @@ def test_each_stretch_of_flight_is_fitted_separately() -> None:
     rest = stretches.without(4)
     others = np.arange(20) // 2 != 4
     expected = np.linalg.lstsq(rows[others].reshape(-1, 2), values[others].ravel(), rcond=None)[0]
-    np.testing.assert_allclose(found + rest.step(), expected, rtol=1e-9)
+    np.testing.assert_allclose(actual + rest.step(), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("windows", [20, 23, 37])
@@ -135,9 +135,9 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     estimates = 5.0 + np.stack([one, -2.0 * one, other], axis=1)
     variances = np.full((400, 3), 1e-6)
     given = FlightSegments(np.zeros((400, 3, 3)), np.zeros((400, 3)), estimates, variances, 50.0, 1.0)
-    found = given.correlation(np.array([1.0, 4.0, 1.0]))
-    np.testing.assert_allclose(found[:2, :2], [[1.0, -1.0], [-1.0, 1.0]])
-    assert found[0, 2] == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-3)
+    result = given.correlation(np.array([1.0, 4.0, 1.0]))
+    np.testing.assert_allclose(result[:2, :2], [[1.0, -1.0], [-1.0, 1.0]])
+    assert result[0, 2] == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-3)
     # Stretches with large errors have less weight; here, only the first ten matter.
     variances[10:] = 1e9
     assert given.correlation(np.ones(3))[0, 2] == pytest.approx(np.corrcoef(one[:10], other[:10])[0, 1], rel=1e-3)
@@ -165,11 +165,11 @@ def test_a_variation_can_be_reduced_to_some_parameters_and_extended_by_unknown_o
 def test_the_variance_of_estimation_errors_is_subtracted_from_the_variance_between_stretches() -> None:
     """The variance between stretches is s² - v, for the sample variance s² and equal error variances v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
-    found = stretches_of(estimates, np.full(10, 2.0)).variance_between()
-    assert found[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
+    result = stretches_of(estimates, np.full(10, 2.0)).variance_between()
+    assert result[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
     # The result does not depend on the unit.
     tiny = stretches_of(1e-8 * estimates, np.full(10, 2e-16)).variance_between()
-    assert tiny[0] == pytest.approx(1e-16 * found[0], rel=1e-9)
+    assert tiny[0] == pytest.approx(1e-16 * result[0], rel=1e-9)
 
 
 def test_the_weighted_sum_of_squares_equals_its_degrees_of_freedom() -> None:
@@ -184,17 +184,17 @@ def test_the_weighted_sum_of_squares_equals_its_degrees_of_freedom() -> None:
 def test_random_scatter_is_seldom_taken_for_variation() -> None:
     """The significance level is ten per cent."""
     rng = np.random.default_rng(0)
-    found = [estimate_variation(evidence(rng, deviation=0.0)) for _ in range(300)]
-    varies = np.array([np.diag(each.covariance) > 0.0 for each in found if each is not None])
+    result = [estimate_variation(evidence(rng, deviation=0.0)) for _ in range(300)]
+    varies = np.array([np.diag(each.covariance) > 0.0 for each in result if each is not None])
     assert len(varies) == 300
     assert 0.02 < varies.mean() < 0.12
 
 
 def test_variation_is_found_only_in_the_parameter_that_varies() -> None:
     rng = np.random.default_rng(1)
-    found = np.array([np.diag(estimate_variation(evidence(rng, deviation=0.5)).covariance) for _ in range(100)])
-    assert np.mean(found[:, 1]) == pytest.approx(0.25, rel=0.15)
-    assert np.median(found[:, 0]) == 0.0
+    result = np.array([np.diag(estimate_variation(evidence(rng, deviation=0.5)).covariance) for _ in range(100)])
+    assert np.mean(result[:, 1]) == pytest.approx(0.25, rel=0.15)
+    assert np.median(result[:, 0]) == 0.0
 
 
 def test_a_variation_is_estimated_from_at_least_twenty_windows() -> None:

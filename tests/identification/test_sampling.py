@@ -57,9 +57,9 @@ def shifts_of(record):
 @pytest.mark.parametrize("shift", [0.0, 0.03])
 def test_a_constant_time_shift_is_found_in_all_parts_of_a_log(shift):
     """The shift is positive if the body rates lag the attitude. In this log, the attitude lags the body rates."""
-    found = shifts_of(rolling(np.full(20, shift)))
-    assert len(found) >= 18
-    np.testing.assert_allclose(found, -shift, atol=1e-3)
+    result = shifts_of(rolling(np.full(20, shift)))
+    assert len(result) >= 18
+    np.testing.assert_allclose(result, -shift, atol=1e-3)
 
 
 def test_no_time_shift_is_found_in_short_logs_or_between_unrelated_signals():

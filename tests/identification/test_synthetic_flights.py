@@ -106,10 +106,10 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         return Found()
 
     monkeypatch.setattr(synthetic_flights, "identify", identify)
-    found = check_batch(CheckTask("wind", diagrams, ["duration=0.3"], [4, 7]))
-    assert list(found) == [4, 7]
+    result = check_batch(CheckTask("wind", diagrams, ["duration=0.3"], [4, 7]))
+    assert list(result) == [4, 7]
     scenario = SYNTHETIC_FLIGHTS["wind"].simulated_scenario(diagrams, ["duration=0.3"])
-    for sample, rows in found.items():
+    for sample, rows in result.items():
         true_scenario = draw_sample(scenario, sample)
         thrust, inertia, delay = rows
         assert thrust == CheckedParameter(
@@ -122,7 +122,7 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         assert delay == CheckedParameter(
             synthetic_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
         )
-    first, second = (rows[0].true for rows in found.values())
+    first, second = (rows[0].true for rows in result.values())
     assert first != second
     # Each flight is identified separately and without held-out flight, from the vehicle of the data sheet.
     for (record,), nominal, options in calls:

@@ -26,9 +26,9 @@ def scenario(diagrams):
 @pytest.fixture(scope="module")
 def tumbles():
     """Return twelve tumbling motions in still air, with rotor speeds equal to the commands."""
-    found = random_tumbles(12, seed=8)
+    result = random_tumbles(12, seed=8)
     speeds = np.tile(COMMAND, (12, 1))
-    return found._replace(speeds=speeds, commands=speeds, winds=np.zeros((12, 3)))
+    return result._replace(speeds=speeds, commands=speeds, winds=np.zeros((12, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +54,9 @@ def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, 
     state[:NUM_BODY, 0] = tumbles.states.T
     for _ in range(round(DURATION / PERIOD)):
         model.step(state)
-    found = state[:NUM_BODY, 0].T
-    assert degrees_apart(found[:, 3:6], end[1]).max() < 1e-3
-    np.testing.assert_allclose(found[:, :3], end[0], atol=1e-5)
+    result = state[:NUM_BODY, 0].T
+    assert degrees_apart(result[:, 3:6], end[1]).max() < 1e-3
+    np.testing.assert_allclose(result[:, :3], end[0], atol=1e-5)
 
 
 def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):

@@ -76,18 +76,18 @@ def test_the_true_vehicle_predicts_the_position_errors_of_the_log(scenario, log_
 
     The acceleration of the route is fed forward.
     """
-    found = compare_with_log(log_of_flight, scenario, samples=1, rest=REST_DURATION)
-    assert found.predicted.shape == (1, *found.logged_error.shape)
-    assert np.abs(found.logged_error).max() > 0.02
-    np.testing.assert_allclose(found.predicted[0], found.logged_error, atol=1e-3)
+    result = compare_with_log(log_of_flight, scenario, samples=1, rest=REST_DURATION)
+    assert result.predicted.shape == (1, *result.logged_error.shape)
+    assert np.abs(result.logged_error).max() > 0.02
+    np.testing.assert_allclose(result.predicted[0], result.logged_error, atol=1e-3)
 
 
 def test_errors_are_evaluated_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, log_of_flight):
-    found = compare_with_log(log_of_flight, scenario, samples=1, rest=REST_DURATION)
+    result = compare_with_log(log_of_flight, scenario, samples=1, rest=REST_DURATION)
     distances = np.linalg.norm(log_of_flight.reference_position - log_of_flight.reference_position[0], axis=1)
-    first = np.searchsorted(log_of_flight.time, found.time[0])
+    first = np.searchsorted(log_of_flight.time, result.time[0])
     assert distances[first] <= 0.01 < distances[first + 1]
-    assert found.time[-1] == log_of_flight.time[-1]
+    assert result.time[-1] == log_of_flight.time[-1]
     assert compare_with_log(log_of_flight, scenario, samples=1, rest=REST_DURATION, start=2.0).time[0] == pytest.approx(
         2.0, abs=0.02
     )
@@ -98,17 +98,17 @@ def test_errors_are_evaluated_from_the_first_motion_of_the_reference_or_from_the
 def test_samples_equal_those_of_a_study_for_any_batch_size(uncertain, log_of_flight, monkeypatch):
     monkeypatch.setattr("drake_quad.identification.validation.comparison._BATCH_SIZE", 3)
     reports = []
-    found = compare_with_log(
+    result = compare_with_log(
         log_of_flight, uncertain, samples=7, rest=REST_DURATION, progress=lambda *done: reports.append(done)
     )
     assert reports == [(3, 7), (6, 7), (7, 7)]
     for sample in (0, 4, 6):
-        flight = simulate(found.scenario, sample=sample, compiled=True)
-        z = np.interp(found.time + REST_DURATION, flight.time, flight.record("measurement").z)
-        np.testing.assert_allclose(found.target[:, 2] - found.predicted[sample, :, 2], z, atol=1e-9)
-    heights = found.predicted[:, -1, 2]
+        flight = simulate(result.scenario, sample=sample, compiled=True)
+        z = np.interp(result.time + REST_DURATION, flight.time, flight.record("measurement").z)
+        np.testing.assert_allclose(result.target[:, 2] - result.predicted[sample, :, 2], z, atol=1e-9)
+    heights = result.predicted[:, -1, 2]
     assert len(np.unique(heights)) == 7
-    assert found.varies
+    assert result.varies
 
 
 def test_flights_without_random_parameters_do_not_vary(scenario, log_of_flight):
@@ -118,13 +118,13 @@ def test_flights_without_random_parameters_do_not_vary(scenario, log_of_flight):
 def test_the_log_of_a_sample_is_within_the_predicted_interval_and_that_of_another_vehicle_outside(
     scenario, uncertain, log_of_flight
 ):
-    found = compare_with_log(log_of_flight, uncertain, samples=40, rest=REST_DURATION)
-    assert found.within("rmse")[[2, 3]].all()
-    median, low, high = found.interval("rmse")
+    result = compare_with_log(log_of_flight, uncertain, samples=40, rest=REST_DURATION)
+    assert result.within("rmse")[[2, 3]].all()
+    median, low, high = result.interval("rmse")
     assert (low <= median).all()
     assert (median <= high).all()
     heavy = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"mass": 0.95})})
-    log = record_of(simulate(on_route(heavy, found.reference), compiled=True), REST_DURATION)
+    log = record_of(simulate(on_route(heavy, result.reference), compiled=True), REST_DURATION)
     assert not compare_with_log(log, uncertain, samples=40, rest=REST_DURATION).within("rmse")[3]
 
 
@@ -138,12 +138,12 @@ def comparison_of(logged_error, predicted):
 def test_a_crash_is_an_infinite_error():
     errors = np.ones((40, 5, 3)) * np.arange(1.0, 41.0)[:, None, None]
     errors[:2, 3:] = np.nan
-    found = comparison_of(np.full((5, 3), 20.0), errors)
-    assert found.crashes == 2
-    median, low, high = found.interval("rmse")
+    result = comparison_of(np.full((5, 3), 20.0), errors)
+    assert result.crashes == 2
+    median, low, high = result.interval("rmse")
     assert (low[0], high[0]) == (4.0, math.inf)
     assert 20.0 < median[0] < 24.0
-    assert found.within("rmse").tolist() == [True] * len(AXES)
+    assert result.within("rmse").tolist() == [True] * len(AXES)
 
 
 def test_the_sample_with_the_median_error_is_chosen():
@@ -162,15 +162,15 @@ def test_metrics_of_a_prediction_cover_the_whole_log(scenario, log_of_flight):
     given = scenario.model_copy(update={"metrics": window, "duration": 3.0})
     reference = logged_reference(log_of_flight, rest=REST_DURATION)
     for start in (REST_DURATION, -1.5):
-        found = on_route(given, reference._replace(start=start))
-        assert (found.metrics.start, found.metrics.first_lap, found.metrics.end) == (max(start, 0.0), None, None)
-        assert found.duration is None
-        assert found.route is reference.route
+        result = on_route(given, reference._replace(start=start))
+        assert (result.metrics.start, result.metrics.first_lap, result.metrics.end) == (max(start, 0.0), None, None)
+        assert result.duration is None
+        assert result.route is reference.route
 
 
 def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, log_of_flight):
-    found = compare_with_log(log_of_flight, uncertain, samples=3, rest=REST_DURATION)
-    flights = flights_to_compare(found)
+    result = compare_with_log(log_of_flight, uncertain, samples=3, rest=REST_DURATION)
+    flights = flights_to_compare(result)
     assert list(flights) == ["flown", "predicted"]
     log, predicted = flights.values()
     np.testing.assert_array_equal(log["state"][:, :3], log_of_flight.position[: len(log.time)])
@@ -178,7 +178,7 @@ def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, log_o
     assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
     # The predicted flight is the sample with the median error. Both flights show measured states and the same
     # reference.
-    flight = simulate(found.scenario, sample=found.median_sample(), compiled=True)
+    flight = simulate(result.scenario, sample=result.median_sample(), compiled=True)
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST_DURATION])
     np.testing.assert_allclose(log["reference"][:, :3], log_of_flight.reference_position[: len(log.time)], atol=1e-3)
     np.testing.assert_allclose(log["reference"][:, 3:6], log_of_flight.reference_velocity[: len(log.time)], atol=1e-2)
@@ -194,14 +194,14 @@ def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, log_o
 def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, log_of_flight):
     """Logged rotor speeds are shown unchanged."""
     without_attitude = replace(log_of_flight, attitude=None, body_rates=None)
-    found = compare_with_log(without_attitude, uncertain, samples=1, rest=REST_DURATION)
-    state = flights_to_compare(found)["flown"]["state"]
+    result = compare_with_log(without_attitude, uncertain, samples=1, rest=REST_DURATION)
+    state = flights_to_compare(result)["flown"]["state"]
     np.testing.assert_array_equal(state[:, :3], log_of_flight.position)
     np.testing.assert_array_equal(state[:, 6:9], log_of_flight.velocity)
     assert not state[:, 3:6].any()
     assert not state[:, 9:].any()
     speeds = np.tile([201.0, 202.0, 203.0, 204.0], (len(log_of_flight.time), 1))
-    turning = replace(found, record=replace(without_attitude, rotor_speed=speeds))
+    turning = replace(result, record=replace(without_attitude, rotor_speed=speeds))
     np.testing.assert_array_equal(flights_to_compare(turning)["flown"]["rotor_speed"], speeds)
 
 
@@ -212,9 +212,9 @@ def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, l
         low_limit_scenario = scenario.model_copy(
             update={"crash": limits, "vehicle": slightly_heavier(scenario.vehicle)}
         )
-        found = compare_with_log(log_of_flight, low_limit_scenario, samples=1, rest=REST_DURATION)
-        assert found.crashes == 1
-        flights = flights_to_compare(found)
+        actual = compare_with_log(log_of_flight, low_limit_scenario, samples=1, rest=REST_DURATION)
+        assert actual.crashes == 1
+        flights = flights_to_compare(actual)
         assert list(flights) == expected
         np.testing.assert_array_equal(flights["flown"]["state"][:, :3], log_of_flight.position)
 

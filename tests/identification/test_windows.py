@@ -61,16 +61,16 @@ def test_windows_are_adjacent_and_do_not_span_a_gap() -> None:
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
     assert segment_numbers(broken)[[500, 501]].tolist() == [0, 1]
-    found = split_into_windows([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
-    assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
+    result = split_into_windows([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
+    assert result == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
 def test_windows_contain_only_airborne_samples() -> None:
     """Sample 130 is not flight, so no window, and no settling time before a window, contains it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
-    found = split_into_windows([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
-    assert [start for _, start in found][:2] == [20, 151]
+    result = split_into_windows([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
+    assert [start for _, start in result][:2] == [20, 151]
 
 
 def test_the_last_third_of_the_flight_is_held_out() -> None:
@@ -192,17 +192,17 @@ def test_the_periods_of_logs_may_differ_by_at_most_a_tenth() -> None:
 
 def test_wrapping_changes_an_angle_by_a_multiple_of_a_full_turn() -> None:
     angles = np.linspace(-20.0, 20.0, 999)
-    found = wrapped_angles(angles)
-    assert np.abs(found).max() <= np.pi
-    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
+    result = wrapped_angles(angles)
+    assert np.abs(result).max() <= np.pi
+    np.testing.assert_allclose(np.exp(1j * result), np.exp(1j * angles), atol=1e-12)
 
 
 def test_windows_of_several_logs_are_the_windows_of_each_log() -> None:
     """A window ends before the last sample of a log."""
     sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
-    found = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
-    assert found == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]
+    result = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
+    assert result == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]
 
 
 def test_gaps_are_steps_of_more_than_three_periods() -> None:
@@ -234,6 +234,6 @@ def test_downsampling_averages_whole_steps_and_does_nothing_if_the_step_is_one_s
 @pytest.mark.parametrize("indices", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
 @pytest.mark.parametrize("samples", [1, 2, 5, 20])
 def test_a_mask_is_extended_by_a_number_of_samples(indices: list[int], samples: int) -> None:
-    found = np.isin(np.arange(12), indices)
+    actual = np.isin(np.arange(12), indices)
     expected = [any(abs(i - index) <= samples for index in indices) for i in range(12)]
-    np.testing.assert_array_equal(_near(found, samples), expected)
+    np.testing.assert_array_equal(_near(actual, samples), expected)

@@ -137,8 +137,8 @@ def test_the_equilibrium_thrust_is_the_position_gain_divided_by_the_outer_gain()
         u = 0.0 if name == "torque" else s
         rest = loop.K.position * p + loop.K.thrust * s + sum(loop.K_pending) * u + u
         if name == "torque":
-            assert loop.outer == loop.K.thrust
-        assert rest == pytest.approx(loop.K.position * p + loop.outer * s)
+            assert loop.outer_divisor == loop.K.thrust
+        assert rest == pytest.approx(loop.K.position * p + loop.outer_divisor * s)
         (slope,) = model.A[[model.kind._fields.index("thrust" if name == "vertical" else "jerk")]]
         drive = model.B[model.kind._fields.index("thrust" if name == "vertical" else "jerk")].item()
         assert slope[model.kind._fields.index("thrust")] * s + drive * u == pytest.approx(0.0, abs=1e-12)

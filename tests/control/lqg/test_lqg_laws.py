@@ -174,7 +174,7 @@ def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(parame
         error[i], rate[i] = 0.3, -0.7
         feedback = outer_feedback(PositionError(*error), PositionErrorRate(*rate), parameters)
         expected = np.zeros(3)
-        expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer
+        expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer_divisor
         np.testing.assert_allclose(feedback, expected, rtol=1e-12)
 
 
