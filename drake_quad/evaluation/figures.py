@@ -21,7 +21,7 @@ from drake_quad.evaluation.results import (
 )
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
-from drake_quad.reports.figures import COLUMN, print_panels
+from drake_quad.reports.figures import COLUMN_WIDTH, print_panels
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
@@ -126,7 +126,7 @@ def networks_figure(evaluation: Evaluation) -> Figure:
     """Plot the error reduction that each network achieves: a row for each network, a marker for each laboratory."""
     reductions = reductions_by_network(evaluation)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
-    with print_panels(0.9 + 0.36 * len(reductions), width=1.75 * COLUMN) as (figure, axes):
+    with print_panels(0.9 + 0.36 * len(reductions), width=1.75 * COLUMN_WIDTH) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
         for row, by_laboratory in enumerate(reductions.values()):
             for offset, (laboratory, each) in zip(
@@ -161,7 +161,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
         for name, each in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}).items()
         if not base_and_network(name)[1]
     }
-    with print_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, (row,)):
+    with print_panels(2.7, 1, 2, width=1.75 * COLUMN_WIDTH, sharey=True) as (figure, (row,)):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
             for name in PRICED_CONTROLLERS:
                 designs = designs_by_sensitivity(evaluation, name)
@@ -205,7 +205,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 def laps_figure(evaluation: Evaluation, controllers: Sequence[str]) -> Figure:
     """Plot the error in each lap, with and without a network that has the position as input."""
-    with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
+    with print_panels(2.6, width=1.3 * COLUMN_WIDTH) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = lap_counts(evaluation, controller)

@@ -458,7 +458,7 @@ class Body:
         operation = self._operations[line]
         if operation.name in LEAVES:
             return self._leaf(line)
-        if operation.inside is not None:
+        if operation.called_part is not None:
             return self._call_result(line)
         operands = [self._expressions[operand] for operand in operation.operands]
         if operation.name == "multiply" and self._one in operands:
@@ -518,9 +518,9 @@ class Body:
     def _call_result(self, line: int) -> Expression:
         """Return the expression for one result of a branch, layer or function, and append its call if necessary."""
         operation = self._operations[line]
-        assert operation.inside is not None
+        assert operation.called_part is not None
         assert operation.kind is not SymbolKind.WORD, "arrays of results contain numbers"
-        part, index = operation.inside
+        part, index = operation.called_part
         if isinstance(part, Function):
             names = self._functions.elementary(part)
             arguments = ", ".join(self._expressions[operand].text for operand in operation.operands)

@@ -146,7 +146,7 @@ def function(
     lines: list[str] = []
     calls = _Calls(head.split("(")[0], lanes)
     for k, number in enumerate(order):
-        if listing.operations[number].inside is None:
+        if listing.operations[number].called_part is None:
             names[number] = _write_operation(lines, names, listing, number, sources, shared, lanes)
         else:
             names[number] = calls.append_call(lines, names, listing, number)
@@ -193,16 +193,16 @@ class _Calls:
     def append_call(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
         """Append the call that computes a line, unless it was appended before; return the name of the result."""
         operation = listing.operations[number]
-        assert operation.inside is not None
-        inside, row = operation.inside
-        assert not isinstance(inside, Function), "LLVM code contains the operations of elementary functions"
-        first = self._results.setdefault((inside, operation.operands), number)
+        assert operation.called_part is not None
+        part, row = operation.called_part
+        assert not isinstance(part, Function), "LLVM code contains the operations of elementary functions"
+        first = self._results.setdefault((part, operation.operands), number)
         if first == number:
             operand_names = [(names[line], listing.operations[line].kind) for line in operation.operands]
-            if isinstance(inside, Branch):
-                self._write_branch(lines, number, operand_names, inside)
+            if isinstance(part, Branch):
+                self._write_branch(lines, number, operand_names, part)
             else:
-                self._write_layer(lines, number, operand_names, inside)
+                self._write_layer(lines, number, operand_names, part)
         return f"%v{first}_{row}"
 
     def _write_branch(

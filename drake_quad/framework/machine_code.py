@@ -28,8 +28,8 @@ ELEMENTS_POINTER_OFFSET = object.__basicsize__
 # Instruction sets of this processor, in LLVM's notation.
 _FEATURES = str(llvm.get_host_cpu_features().flatten())
 _HAS_AVX512 = "+avx512f" in _FEATURES
-# Number of vector registers.
-REGISTERS = 32 if _HAS_AVX512 else 16
+# Number of vector registers of the processor.
+NUM_VECTOR_REGISTERS = 32 if _HAS_AVX512 else 16
 # Number of vehicles that are computed at once, which is the number of doubles in a vector register.
 LANES = 8 if _HAS_AVX512 else 4
 

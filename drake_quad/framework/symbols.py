@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.framework.replacements import (
-    ALLOWED,
+    ROW_OPERATIONS_HINT,
     calling_numpy_function,
     numpy_function_error,
     power_error,
@@ -56,14 +56,15 @@ class Operation(NamedTuple):
         operands: numbers of the lines that are the operands. Operations in `LEAVES` have other operands: the bits of a
             constant, the group of a row and its index in the group, or the index of a shared value.
         kind: type of the result.
-        inside: for the operations "branch", "layer" and "function", the called part and the index of the line among its
-            results; None for other operations. The first operand of a branch is the mask of the vehicles that need it.
+        called_part: for the operations "branch", "layer" and "function", the called part and the index of the line
+            among its results; None for other operations. The first operand of a branch is the mask of the vehicles that
+            need it.
     """
 
     name: str
     operands: tuple[int, ...]
     kind: SymbolKind
-    inside: "tuple[Branch | SymbolLayer | Function, int] | None" = None
+    called_part: "tuple[Branch | SymbolLayer | Function, int] | None" = None
 
 
 class Branch(NamedTuple):
@@ -175,10 +176,10 @@ class Listing:
         name: str,
         operands: tuple[int, ...],
         kind: SymbolKind,
-        inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
+        called_part: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> int:
         """Return the line number of an operation, which is appended if it is new; arguments as in `Operation`."""
-        key = name, operands, kind, inside
+        key = name, operands, kind, called_part
         line = self._lines.get(key)
         if line is None:
             line = self._lines[key] = len(self.operations)
@@ -192,10 +193,10 @@ class Listing:
         name: str,
         operands: tuple[int, ...],
         kind: SymbolKind,
-        inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
+        called_part: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> "Symbol":
         """Return the symbol of an operation, which is appended if it is new; arguments as in `Operation`."""
-        return Symbol(self, self.line(name, operands, kind, inside), kind)
+        return Symbol(self, self.line(name, operands, kind, called_part), kind)
 
     def digest(self) -> str:
         """Return a digest of all operations in the listing."""
@@ -220,7 +221,7 @@ class Listing:
         if isinstance(value, np.uint64):
             return self.add("constant", (int(value),), SymbolKind.WORD)
         if not isinstance(value, int | float | np.number):
-            raise TypeError(f"expected a number or a row, not {type(value).__name__}; {ALLOWED}")
+            raise TypeError(f"expected a number or a row, not {type(value).__name__}; {ROW_OPERATIONS_HINT}")
         return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
 
 
@@ -252,17 +253,17 @@ def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
             names.setdefault(name, len(names)),
             operands,
             int(kind),
-            inside if inside is None else _identity(inside, known),
+            called_part if called_part is None else _identity(called_part, known),
         )
-        for name, operands, kind, inside in operations
+        for name, operands, kind, called_part in operations
     ]
     # Version 2 of the format writes a repeated object in full again, so that the bytes depend only on the values.
     return hashlib.sha256(marshal.dumps(([name.encode() for name in names], lines), 2)).hexdigest()
 
 
-def _identity(inside: tuple[Branch | SymbolLayer | Function, int], known: dict[int, bytes]) -> tuple[bytes, int]:
-    """Return the digest of the branch, layer or function in `Operation.inside`, and the index of the result."""
-    part, index = inside
+def _identity(called_part: tuple[Branch | SymbolLayer | Function, int], known: dict[int, bytes]) -> tuple[bytes, int]:
+    """Return the digest of the branch, layer or function in `Operation.called_part`, and the index of the result."""
+    part, index = called_part
     if id(part) not in known:
         match part:
             case Branch():
@@ -444,7 +445,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
         kind = _TRUTH
     if name in _LOGICAL:
         if first.kind is _NUMBER or any(symbol.kind is not first.kind for symbol in symbols):
-            raise TypeError(f"the operands of `&`, `|` and `^` must be comparisons, not numbers; {ALLOWED}")
+            raise TypeError(f"the operands of `&`, `|` and `^` must be comparisons, not numbers; {ROW_OPERATIONS_HINT}")
     elif name != "select":
         for symbol in symbols:
             if symbol.kind is _TRUTH:

@@ -12,7 +12,7 @@ from PIL import Image
 from drake_quad.visualization.panels import new_panels
 
 # Width of a column in the journal in which Kayacan and Maslim (2016) was published, inches.
-COLUMN = 3.5
+COLUMN_WIDTH = 3.5
 _DOTS_PER_INCH = 220  # resolution of a PNG file
 _NUM_COLOURS = 128  # size of the palette of a PNG file
 
@@ -23,7 +23,9 @@ _SMALL_FONTS = dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 
 
 
 @contextmanager
-def print_panels(height: float, *grid: int, width: float = COLUMN, **options: Any) -> Iterator[tuple[Figure, Any]]:
+def print_panels(
+    height: float, *grid: int, width: float = COLUMN_WIDTH, **options: Any
+) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure and its panels like `new_panels`, with small fonts and thin lines for the width of a column.
 
     Args:

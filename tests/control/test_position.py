@@ -97,8 +97,8 @@ def test_the_estimator_models_the_command_plus_the_correction():
     assert np.abs(disturbance).min() > 0.01
     np.testing.assert_allclose(command, output("pd") + forward - correction - disturbance)
     simulator.AdvancePendingEvents()
-    following = estimator.get_state(estimator.GetMyContextFromRoot(context), "following")
-    for axis, (followed, lag) in enumerate(zip(following, lags, strict=True)):
+    modelled_response = estimator.get_state(estimator.GetMyContextFromRoot(context), "modelled_response")
+    for axis, (followed, lag) in enumerate(zip(modelled_response, lags, strict=True)):
         feedback = command[axis] + correction[axis] - forward[axis]
         assert followed.feedback == pytest.approx(feedback * (1.0 - math.exp(-0.02 / lag.feedback)), rel=1e-12)
         assert followed.feed_forward == pytest.approx(forward[axis] * (1.0 - math.exp(-0.02 / lag.feed_forward)))

@@ -18,7 +18,8 @@ class AxisLoop(NamedTuple):
         L: gain of the filter, with a column for each measured quantity.
         K: gain of the regulator.
         K_pending: gains on the commands in transit, the oldest first.
-        outer: divisor k of K: the gains of the outer loop, which commands an acceleration, are K / k; see `axis_loop`.
+        outer_divisor: divisor k of K: the gains of the outer loop, which commands an acceleration, are K / k; see
+            `axis_loop`.
     """
 
     A: tuple[Any, ...]
@@ -26,7 +27,7 @@ class AxisLoop(NamedTuple):
     L: tuple[Any, ...]
     K: Any
     K_pending: tuple[Row, ...]
-    outer: Row
+    outer_divisor: Row
 
 
 class Timing(NamedTuple):
@@ -141,5 +142,5 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
         L=tuple(record(*column) for column in L.T.tolist()),
         K=on_state,
         K_pending=pending,
-        outer=on_state.thrust + pending_fraction,
+        outer_divisor=on_state.thrust + pending_fraction,
     )

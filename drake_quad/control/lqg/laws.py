@@ -218,7 +218,7 @@ def estimator_step(
     measurement: State,
     before: KalmanState,
     sent: SentCommands,
-    known: Acceleration | None,
+    known_disturbance: Acceleration | None,
     parameters: LqgParameters,
     period: float,
     loses_frames: bool,
@@ -229,7 +229,7 @@ def estimator_step(
         measurement: last available frame, taken one period ago.
         before: state of the filter.
         sent: commands that were sent at earlier ticks.
-        known: known part of the disturbing acceleration; None if no part is known.
+        known_disturbance: known part of the disturbing acceleration; None if no part is known.
         parameters: parameters of the controller.
         period: frame period h, s.
         loses_frames: True if a frame whose x equals the previous x counts as lost.
@@ -247,8 +247,8 @@ def estimator_step(
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z
     )
-    if known is not None:
-        chains = zip(after, known, strict=True)
+    if known_disturbance is not None:
+        chains = zip(after, known_disturbance, strict=True)
         after = Estimate._make(_accelerated(chain, acceleration, period) for chain, acceleration in chains)
     return where(before.has_started != 0.0, after, _at_rest(measurement, after))
 
@@ -305,9 +305,12 @@ def regulator_output(
         )
         if perturbation is None:
             a_x, a_y = _limited_horizontal(total_x, total_y, limits)
-            u_x, u_y = u_x - lateral.outer * (total_x - a_x), u_y - lateral.outer * (total_y - a_y)
+            u_x, u_y = u_x - lateral.outer_divisor * (total_x - a_x), u_y - lateral.outer_divisor * (total_y - a_y)
         else:
-            a_x, a_y = total_x + perturbation.x / lateral.outer, total_y + perturbation.y / lateral.outer
+            a_x, a_y = (
+                total_x + perturbation.x / lateral.outer_divisor,
+                total_y + perturbation.y / lateral.outer_divisor,
+            )
         u_x, u_y = minimum(maximum(u_x, -max_snap), max_snap), minimum(maximum(u_y, -max_snap), max_snap)
     else:
         a_x, a_y = u_x, u_y = _limited_horizontal(u_x, u_y, limits)
@@ -462,11 +465,12 @@ def position_error_rate(estimate: Estimate, reference: Reference) -> PositionErr
 def outer_feedback(error: PositionError, rate: PositionErrorRate, parameters: LqgParameters) -> Acceleration:
     """Return the acceleration that the regulator commands for position and velocity errors.
 
-    It is (K_p e + K_v ė) / k, where k is the gain `outer` of the loop on the acceleration.
+    It is (K_p e + K_v ė) / k, where k is the gain of the loop on the acceleration, `outer_divisor`.
     """
     loops = parameters.lateral, parameters.lateral, parameters.vertical
     return Acceleration._make(
-        (loop.K.position * e + loop.K.velocity * v) / loop.outer for loop, e, v in zip(loops, error, rate, strict=True)
+        (loop.K.position * e + loop.K.velocity * v) / loop.outer_divisor
+        for loop, e, v in zip(loops, error, rate, strict=True)
     )
 
 
@@ -526,7 +530,7 @@ def _feedback(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
 def _outer_feedback(e: Any, loop: AxisLoop) -> Row:
     """Return the outer loop's acceleration: the part of K e for position, velocity and disturbances, divided by k."""
     names = "position", "velocity", "first", "second", "second_rate"
-    return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
+    return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer_divisor
 
 
 def _limited_horizontal(x: Row, y: Row, limits: ThrustParameters) -> tuple[Row, Row]:

@@ -122,12 +122,12 @@ class ObservableSignal(NamedTuple):
 
     Attributes:
         rows: number of components; None if it depends on the policy.
-        of: function that returns the components of the signal, given all observable quantities.
+        components: function that returns the components of the signal, given all observable quantities.
         description: description with unit.
     """
 
     rows: int | None
-    of: Callable[[Observables], tuple[Row, ...]]
+    components: Callable[[Observables], tuple[Row, ...]]
     description: str
 
 
@@ -238,7 +238,7 @@ def observation_rows(
     observables = Observables(
         state, reference, ahead, rotor_speed, wind, action, distance, parameters.top_speed, axes, attitude
     )
-    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].of(observables)])
+    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].components(observables)])
 
 
 def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
+from drake_quad.control.policy.network import GELU_CUBIC_COEFFICIENT, WITH_ALPHA
 from drake_quad.errors import InputWarning, join_names, short_repr, shorten_text
 from drake_quad.extras import import_extra
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
@@ -80,7 +80,7 @@ class _GatedActivation(NamedTuple):
 _GATED_ACTIVATIONS = {
     "Sigmoid": _GatedActivation("Swish", {}, 1.0, 0.0, 0.0),
     "Erf": _GatedActivation("Gelu", {}, math.sqrt(0.5), 0.0, 1.0),
-    "Tanh": _GatedActivation("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBE, 1.0),
+    "Tanh": _GatedActivation("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBIC_COEFFICIENT, 1.0),
 }
 
 

@@ -72,10 +72,10 @@ class GruLayer(Model):
         """
         gates = 3 * self.outputs
         ends = np.cumsum([gates * self.inputs, gates, gates * self.outputs, gates])
-        weights, biases, of_memory, memory_biases, initial = np.split(numbers, ends)
+        weights, biases, memory_weights, memory_biases, initial = np.split(numbers, ends)
         return Gru(
             Matrix(weights.reshape(gates, -1), biases),
-            Matrix(of_memory.reshape(gates, -1), memory_biases),
+            Matrix(memory_weights.reshape(gates, -1), memory_biases),
             tuple(initial.tolist()),
         )
 
