@@ -167,10 +167,10 @@ def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
         else:
             assert language == "text"
             for line in text.splitlines():
-                assert any(begins(each, line) for each in printed.splitlines()), (line, printed)
+                assert any(is_beginning_of(each, line) for each in printed.splitlines()), (line, printed)
 
 
-def begins(printed, shown):
+def is_beginning_of(printed, shown):
     """Return whether a printed line begins with a line that a page shows: equal words, and numbers equal within 1 %."""
     number = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
     words, numbers = re.sub(number, " # ", shown).split(), re.findall(number, shown)
@@ -194,7 +194,10 @@ def run_program(program, arguments, monkeypatch):
 
 
 class ParsedError(BaseException):
-    """Signal that a command line was parsed. It is not an `Exception`, because commands catch exceptions of user code."""
+    """Signal that a command line was parsed.
+
+    It is not an `Exception`, because commands catch exceptions that user code raises.
+    """
 
 
 def commands():

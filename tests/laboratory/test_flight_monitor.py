@@ -266,7 +266,7 @@ def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
 def test_skipping_distance_computations_misses_no_collision(num_vehicles):
-    """Vehicles move by about 1 mm, 3 cm or 30 cm per tick. The reference solution computes all distances at every tick."""
+    """Vehicles move by about 1 mm, 3 cm or 30 cm per tick. The expected values use all distances at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
     rock = convex_hull(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
@@ -320,8 +320,8 @@ def test_distances_are_computed_only_after_a_vehicle_leaves_its_free_ball():
     level = State(*[0.0] * 12)._replace(z=1.0)
     counts = []
     # The first free ball has a radius of 1.3 m, and the second one a radius of 2.61 m.
-    for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
-        touch, free = detect_contact(level._replace(x=x), flies, free, surroundings)
+    for x, is_flying in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
+        touch, free = detect_contact(level._replace(x=x), is_flying, free, surroundings)
         counts.append(solid.count)
         assert touch == CollidedSolid(1.0 if x == 1.4 else 0.0)
     assert counts == [1, 1, 1, 2, 2, 2, 3]

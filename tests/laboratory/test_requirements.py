@@ -34,8 +34,8 @@ def robustness_of(accumulator, wind):
     """Return the robustness after all ticks."""
     sums = accumulator.initial
     for i, time in enumerate(TIME):
-        known = {"time": time, "wind": Wind(*(row[i] for row in wind))}
-        sums = accumulator.add(sums, *[known[name] for name in accumulator.arguments], **dict(accumulator.constants))
+        values = {"time": time, "wind": Wind(*(row[i] for row in wind))}
+        sums = accumulator.add(sums, *[values[name] for name in accumulator.arguments], **dict(accumulator.constants))
     return float(robustness(sums, float(len(TIME)), PERIOD))
 
 
@@ -43,11 +43,11 @@ def robustness_of(accumulator, wind):
 def test_always_is_the_smallest_margin_and_eventually_the_largest_in_the_window(seed):
     wind = walks(seed)
     margin = np.minimum(1.0 - wind.x, wind.y + 2.0)
-    both = Combination("all", (below("x", 1.0), above("y", -2.0)))
-    assert robustness_of(always(both, 2.0, 6.0), wind) == margin[WINDOW].min()
-    assert robustness_of(eventually(both, 2.0, 6.0), wind) == margin[WINDOW].max()
-    one = Combination("any", (below("x", 1.0), above("y", -2.0)))
-    assert robustness_of(always(one, 0.0, math.inf), wind) == np.maximum(1.0 - wind.x, wind.y + 2.0).min()
+    conjunction = Combination("all", (below("x", 1.0), above("y", -2.0)))
+    assert robustness_of(always(conjunction, 2.0, 6.0), wind) == margin[WINDOW].min()
+    assert robustness_of(eventually(conjunction, 2.0, 6.0), wind) == margin[WINDOW].max()
+    disjunction = Combination("any", (below("x", 1.0), above("y", -2.0)))
+    assert robustness_of(always(disjunction, 0.0, math.inf), wind) == np.maximum(1.0 - wind.x, wind.y + 2.0).min()
     assert robustness_of(always(Bound(RowSelector("z"), ("wind",), -1.0, 3.0), 0.0, math.inf), wind) == min(
         (3.0 - wind.z).min(), (wind.z + 1.0).min()
     )

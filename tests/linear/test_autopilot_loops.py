@@ -64,8 +64,8 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_matches_finite_differences(onb
     scenario = at_rest(onboard(*AUTOPILOT_OVERRIDES[kind], *overrides))
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
-    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+    system, _ = linearize(diagram, context, period=0.02, excluded_systems=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS)
     numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
     np.testing.assert_allclose(system.A, numeric, atol=1e-6)
     names = {"attitude": "laboratory.autopilot.wrench.tau_x", "response": "laboratory.vehicle.state.pitch_rate"}
@@ -80,14 +80,14 @@ def test_the_plant_on_board_is_a_double_integrator_in_series_with_the_rotor_lag(
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     hold = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
     for time_step in (0.0025, 0.00125):
-        whole = on_board_plant(onboard(*ASYMMETRIC_OVERRIDES, f"vehicle.time_step={time_step}"))
-        assert whole.period == h
+        full_plant = on_board_plant(onboard(*ASYMMETRIC_OVERRIDES, f"vehicle.time_step={time_step}"))
+        assert full_plant.period == h
         for torque, angle, rate, inertia in (
             ("tau_x", "roll", "p", 0.0065),
             ("tau_y", "pitch", "q", 0.0085),
             ("tau_z", "yaw", "r", 0.0126),
         ):
-            plant = whole.between([f"wrench.{torque}"], [f"state.{angle}", f"state.{rate}"])
+            plant = full_plant.between([f"wrench.{torque}"], [f"state.{angle}", f"state.{rate}"])
             for frequency in (0.3, 10.0, 300.0):
                 z = np.exp(1j * frequency * h)
                 expected = np.linalg.solve(z * np.eye(3) - hold[:3, :3], hold[:3, 3])[:2]
@@ -196,10 +196,10 @@ def test_shipped_gains_are_the_result_of_the_command_that_their_file_names(root,
     add_design_options(arguments)
     options = design_options(arguments.parse_args(command[1:]), onboard())
     assert options == default_options(0.02) | on_board_options()
-    written = YAML(typ="safe").load(text)["gains"]
+    saved_gains = YAML(typ="safe").load(text)["gains"]
     position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "jerk"} | designed.gains()["position"]
-    assert written["control"] == {"kind": "cascade", "position": position}
-    assert written["laboratory"] == {"autopilot": designed.autopilot_gains()}
+    assert saved_gains["control"] == {"kind": "cascade", "position": position}
+    assert saved_gains["laboratory"] == {"autopilot": designed.autopilot_gains()}
     scenario = onboard()
     reproduced = with_autopilot_gains(with_gains(scenario, designed.gains()), designed.autopilot_gains())
     assert reproduced == scenario

@@ -13,16 +13,16 @@ def matrices():
 
 
 def exact(matrices, points):
-    A, first, second, both = matrices
+    A, first, second, cross_term = matrices
     x, y = points.T[:, :, np.newaxis, np.newaxis]
-    return A + x * first + (y + 0.2 * y**2) * second + x * y * both
+    return A + x * first + (y + 0.2 * y**2) * second + x * y * cross_term
 
 
 def test_a_model_reproduces_loops_that_are_polynomials_of_second_degree(matrices):
     points = fitting_points(2, np.random.default_rng(1))
     model = fit_fractional_model(points, exact(matrices, points))
-    others = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2))
-    assert model.loops(others) == pytest.approx(exact(matrices, others), abs=0.06)
+    test_points = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2))
+    assert model.loops(test_points) == pytest.approx(exact(matrices, test_points), abs=0.06)
     assert model.sizes[0] == 1
 
 

@@ -32,10 +32,10 @@ def test_the_loops_of_a_fleet_equal_those_of_single_scenarios(resting):
 
 def test_chosen_states_have_the_rows_and_columns_of_the_whole_loop(resting):
     fleet = HoverFleet(resting, FIELDS)
-    whole = fleet(VALUES)
+    full_loop = fleet(VALUES)
     rotors = [i for i, name in enumerate(fleet.states) if "rotor_speed" in name]
     for states in (np.array([0, rotors[1]]), np.array([1, 4])):
-        np.testing.assert_allclose(fleet(VALUES, states), whole[:, states][:, :, states], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(fleet(VALUES, states), full_loop[:, states][:, :, states], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.long

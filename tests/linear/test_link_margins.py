@@ -91,12 +91,12 @@ def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(labo
     """The gains of the replaced control have no influence."""
     scenario = laboratory("paper.yaml:pd")
     batch = Batch.draw(scenario, [0])
-    own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
+    control = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
     gains = ["control.position.k_p=[1, 1, 5]"]
     if replaced_part == "control":
         gains.append("control.attitude.k_p=[25, 25, 6]")
     margins_by_signal, expected = (
-        link_margins(laboratory("paper.yaml:pd", *gains), **{replaced_part: own}),
+        link_margins(laboratory("paper.yaml:pd", *gains), **{replaced_part: control}),
         link_margins(scenario),
     )
     assert [*margins_by_signal] == [*Wrench._fields]

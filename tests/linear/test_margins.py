@@ -18,15 +18,15 @@ def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
     n = 3 + delay_ticks
-    whole = np.zeros((n, n))
-    whole[:3, :3], whole[:3, 3:4] = Ad, Bd
-    whole[3:-1, 4:] = np.eye(delay_ticks - 1)
+    state_matrix = np.zeros((n, n))
+    state_matrix[:3, :3], state_matrix[:3, 3:4] = Ad, Bd
+    state_matrix[3:-1, 4:] = np.eye(delay_ticks - 1)
     input_column = np.zeros((n, 1))
     input_column[-1] = 1.0
     output_row = np.zeros((1, n))
     output_row[0, :2] = k_p, k_d
     names = tuple(f"x{i}" for i in range(n))
-    return SampledSystem(whole, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
+    return SampledSystem(state_matrix, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
 
 
 def is_stable(loop, factor=1.0, more_delay=0):
@@ -104,12 +104,15 @@ def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
     B = np.array([[0.0], [gain * frequency**2]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
     n = 2 + delay_ticks
-    whole, input_column, output_row = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
-    whole[:2, :2], whole[:2, 2:3] = Ad, Bd
-    whole[2:-1, 3:] = np.eye(delay_ticks - 1)
+    state_matrix, input_column, output_row = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
+    state_matrix[:2, :2], state_matrix[:2, 2:3] = Ad, Bd
+    state_matrix[2:-1, 3:] = np.eye(delay_ticks - 1)
     input_column[-1], output_row[0, 0] = 1.0, 1.0
     names = tuple(map(str, range(n)))
-    return SampledSystem(whole, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
+    return SampledSystem(state_matrix, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (
+        Ad,
+        Bd,
+    )
 
 
 def test_a_real_positive_response_does_not_limit_the_gain():
@@ -268,12 +271,14 @@ def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
         z = np.exp(1j * turn)
         return -(abs(z - 1.0) ** 2) / (abs(z - pole) * abs(z - pole.conj()))
 
-    middle, reach = np.angle(pole), -np.log(abs(pole))
+    pole_angle, pole_damping = np.angle(pole), -np.log(abs(pole))
     best = scipy.optimize.minimize_scalar(
-        minus_sensitivity, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
+        minus_sensitivity,
+        bounds=(pole_angle - pole_damping, pole_angle + pole_damping),
+        options={"xatol": 1e-6 * pole_damping},
     )
     # Rounding moves the pole by about 1e-15, which changes the height of its peak.
-    assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
+    assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / pole_damping))
 
 
 @pytest.mark.slow

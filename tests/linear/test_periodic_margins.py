@@ -91,14 +91,14 @@ def test_lifting_keeps_the_response_of_a_periodic_system():
         for _ in range(4)
     ]
     u, x = rng.normal(size=(4, 2)), rng.normal(size=3)
-    whole, start, outputs = lifted(systems), x, []
+    lifted_system, start, outputs = lifted(systems), x, []
     for system, inputs in zip(systems, u, strict=True):
         outputs.append(system.C @ x + system.D @ inputs)
         x = system.A @ x + system.B @ inputs
-    np.testing.assert_allclose(whole.A @ start + whole.B @ u.ravel(), x)
-    np.testing.assert_allclose(whole.C @ start + whole.D @ u.ravel(), np.ravel(outputs))
-    assert whole.inputs == ("a@0", "b@0", "a@1", "b@1", "a@2", "b@2", "a@3", "b@3")
-    assert (whole.period, whole.outputs) == (pytest.approx(0.4), ("y@0", "y@1", "y@2", "y@3"))
+    np.testing.assert_allclose(lifted_system.A @ start + lifted_system.B @ u.ravel(), x)
+    np.testing.assert_allclose(lifted_system.C @ start + lifted_system.D @ u.ravel(), np.ravel(outputs))
+    assert lifted_system.inputs == ("a@0", "b@0", "a@1", "b@1", "a@2", "b@2", "a@3", "b@3")
+    assert (lifted_system.period, lifted_system.outputs) == (pytest.approx(0.4), ("y@0", "y@1", "y@2", "y@3"))
 
 
 def test_a_factor_beyond_the_gain_margins_of_a_periodic_loop_makes_it_unstable(slow_camera):
@@ -121,9 +121,12 @@ def test_a_tick_of_delay_reduces_the_delay_margins_of_a_periodic_loop_by_a_tick(
     first, second = (link_margins(each) for each in (slow_camera, loop_with_slow_camera(2)))
     for signal in ("thrust", "tau_x", "tau_z"):
         assert second[signal].delay == pytest.approx(first[signal].delay - tick, rel=1e-5)
-    # The loop is stable with the largest whole number of additional ticks within the delay margin, but not with one more.
+    # The loop is stable with the largest number of additional ticks within the delay margin, but not with one more.
     ticks = math.floor(min(margins.delay for margins in first.values()) / tick)
-    sizes = [np.abs(closed_loop(loop_with_slow_camera(1 + ticks + more)).system.poles()).max() for more in (0, 1)]
+    sizes = [
+        np.abs(closed_loop(loop_with_slow_camera(1 + ticks + extra_ticks)).system.poles()).max()
+        for extra_ticks in (0, 1)
+    ]
     assert sizes[0] < 1.0 < sizes[1]
 
 

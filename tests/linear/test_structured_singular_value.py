@@ -96,8 +96,8 @@ def test_no_uncertainty_smaller_than_the_bound_makes_the_matrix_singular():
 
 def test_a_poor_first_guess_gives_the_same_bound():
     M = random_matrix(7, 5)
-    other = mu_bound(random_matrix(8, 5), scalars("rrrcc"))
-    values = [mu_bound(M, scalars("rrrcc"), tolerance=1e-5, starts=each).value for each in ([], [other])]
+    other_matrix_bound = mu_bound(random_matrix(8, 5), scalars("rrrcc"))
+    values = [mu_bound(M, scalars("rrrcc"), tolerance=1e-5, starts=each).value for each in ([], [other_matrix_bound])]
     assert values[0] == pytest.approx(values[1], rel=1e-4)
 
 

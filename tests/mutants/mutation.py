@@ -32,7 +32,7 @@ class Mutant(NamedTuple):
         kind: kind of the change, such as "operator".
         before: original lines, joined into one.
         after: the same lines after the change, joined into one.
-        place: indices of the first replaced byte, and of the byte after the last replaced byte.
+        span: indices of the first replaced byte, and of the byte after the last replaced byte.
         code: text that replaces these bytes.
     """
 
@@ -42,12 +42,12 @@ class Mutant(NamedTuple):
     kind: str
     before: str
     after: str
-    place: tuple[int, int]
+    span: tuple[int, int]
     code: str
 
     def applied(self, text: str) -> str:
         """Return the text with this change."""
-        begin, end = self.place
+        begin, end = self.span
         return (text.encode()[:begin] + self.code.encode() + text.encode()[end:]).decode()
 
 
@@ -144,8 +144,8 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
             if _is_the_rest_of_a_shape(node, parent):
                 continue
             inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
-            for place, child in enumerate(value if isinstance(value, list) else [value]):
-                if isinstance(child, ast.AST) and not _is_appearance(node, field, place):
+            for index, child in enumerate(value if isinstance(value, list) else [value]):
+                if isinstance(child, ast.AST) and not _is_appearance(node, field, index):
                     pending.append((child, node, lines, inside))
 
 
@@ -160,12 +160,12 @@ def _is_styling(node: ast.AST) -> bool:
     )
 
 
-def _is_appearance(node: ast.AST, field: str, place: int) -> bool:
+def _is_appearance(node: ast.AST, field: str, index: int) -> bool:
     """Return whether a part of a node affects only appearance, such as the distance of a label from its point."""
     if isinstance(node, ast.Dict) and field == "values":
-        key = node.keys[place]
+        key = node.keys[index]
         return isinstance(key, ast.Constant) and key.value in _APPEARANCE_ARGUMENTS
-    return isinstance(node, ast.Call) and field == "args" and _name(node) == "annotate" and place == 2
+    return isinstance(node, ast.Call) and field == "args" and _name(node) == "annotate" and index == 2
 
 
 def _name(call: ast.Call) -> str:

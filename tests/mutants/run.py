@@ -75,7 +75,7 @@ def main() -> int:
         return 2
     tests = recorded_tests(arguments.processes, arguments.tests)
     # Tests must pass with the unchanged sources. Otherwise, a failure could have another cause than the mutant.
-    unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
+    unchanged = [(file, mutant._replace(span=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [
         (kill, file, mutant, tests_to_run(tests, file, mutant, arguments.seconds))
         for file, mutant in unchanged + mutants
@@ -128,7 +128,7 @@ def draw_mutants(number: str, seed: int, only: list[str]) -> list[tuple[str, Mut
         lines = [generator.sample(mutants, len(mutants)) for _, mutants in sorted(package.items())]
         generator.shuffle(lines)
         rounds = range(max(map(len, lines)))
-        in_order = [mutants[place] for place in rounds for mutants in lines if place < len(mutants)]
+        in_order = [mutants[index] for index in rounds for mutants in lines if index < len(mutants)]
         chosen.append(in_order if number == "all" else in_order[: int(number)])
     return [mutant for mutants in zip_longest(*chosen) for mutant in mutants if mutant is not None]
 
@@ -157,8 +157,8 @@ def tests_to_run(tests: dict[str, Test], file: str, mutant: Mutant, seconds: flo
     package = "tests/test_" if package_of(file) == TOP_LEVEL_MODULES else f"tests/{package_of(file)}/"
     runners = {name for name, test in tests.items() if any(line in mutant.lines for line in test.lines.get(file, ()))}
     if mutant.declared or not runners:
-        near = {name for name, test in tests.items() if file in test.lines or name.startswith(package)}
-        files = {name.split("::")[0] for name in near}
+        candidates = {name for name, test in tests.items() if file in test.lines or name.startswith(package)}
+        files = {name.split("::")[0] for name in candidates}
         runners = {name for name in tests if name.split("::")[0] in files}
     files = {name.split("::")[0] for name in runners}
 
@@ -181,18 +181,18 @@ def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
         processes: number of test files that run at the same time.
         only: only test files whose path in tests/ begins with one of these prefixes are run.
     """
-    kept = OUTPUT / "tests.json"
-    known = json.loads(kept.read_text()) if kept.exists() else {}
+    records_file = OUTPUT / "tests.json"
+    records = json.loads(records_file.read_text()) if records_file.exists() else {}
     paths = sorted(
         path for folder in ("drake_quad", "scripts", "diagrams", "tests") for path in Path(folder).rglob("*.*")
     )
     begin = tuple(f"tests/{path}" for path in only)
     files = [str(path) for path in paths if path.match("test_*.py") and not str(path).startswith(EXCLUDED_TESTS)]
     files = [file for file in files if file.startswith(begin)]
-    others = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
-    sources = b"".join(path.read_bytes() for path in others if path.parent.name != "mutants")
+    source_files = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
+    sources = b"".join(path.read_bytes() for path in source_files if path.parent.name != "mutants")
     digests = {file: hashlib.sha256(sources + Path(file).read_bytes()).hexdigest() for file in files}
-    new = [file for file in files if known.get(file, {}).get("digest") != digests[file]]
+    new = [file for file in files if records.get(file, {}).get("digest") != digests[file]]
     for index, result in run_forked([(record_tests, file) for file in new], processes, "test files"):
         if isinstance(result, Outcome):
             raise RuntimeError(f"cannot record tests: {result.killer}")
@@ -200,9 +200,9 @@ def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
         for name in dict.fromkeys(failed):
             print(f"{name}: not used, because it fails without a mutant", file=sys.stderr)
         passing = {name: test for name, test in recorded.items() if name not in failed}
-        known[new[index]] = {"digest": digests[new[index]], "tests": passing}
-        kept.write_text(json.dumps(known))
-    return {name: Test(*test) for file in files for name, test in known[file]["tests"].items()}
+        records[new[index]] = {"digest": digests[new[index]], "tests": passing}
+        records_file.write_text(json.dumps(records))
+    return {name: Test(*test) for file in files for name, test in records[file]["tests"].items()}
 
 
 def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
@@ -236,11 +236,11 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
         print(f"{package:16}{count:9}{killed:9}{alive - unlisted:9}{unlisted:9}{score:9.1%}")
         if package != "all" and score < MIN_SCORE:
             below.append(package)
-    late = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
-    if late:
+    num_timeouts = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
+    if num_timeouts:
         print(
-            f"{late} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; if the machine"
-            " was paused, run them again"
+            f"{num_timeouts} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; if the"
+            " machine was paused, run them again"
         )
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:

@@ -60,13 +60,13 @@ def reference_at(plan, time):
 def test_the_reference_is_at_rest_before_and_after_every_route(route):
     plan = planned(route)
     start, end = plan.path.times[[0, -1]]
-    place = plan.extended_path.waypoints[-1]
+    end_position = plan.extended_path.waypoints[-1]
     for time in (plan.rest_time + 1e-9, plan.rest_time + 0.7, 100.0):
-        reference, jerk, snap, ahead = reference_at(plan, time)
-        np.testing.assert_allclose(reference[:3], place, atol=1e-9)
+        reference, jerk, snap, reference_ahead = reference_at(plan, time)
+        np.testing.assert_allclose(reference[:3], end_position, atol=1e-9)
         np.testing.assert_array_equal(reference[3:9], 0.0)
         np.testing.assert_array_equal([reference[10], *jerk, *snap], 0.0)
-        np.testing.assert_allclose(ahead, [*place, *place], atol=1e-9)
+        np.testing.assert_allclose(reference_ahead, [*end_position, *end_position], atol=1e-9)
     if start > 0.0:
         reference, jerk, snap, _ = reference_at(plan, 0.5 * start)
         np.testing.assert_array_equal([*reference[3:9], reference[10], *jerk, *snap], 0.0)
@@ -114,10 +114,10 @@ def test_a_plan_that_ends_in_motion_brakes_identically_after_saving_and_loading(
     plan = planned(ROUTES["turning pieces"])
     rows = np.array([[3.0, *plan.path.coefficients[0].T.flatten()]])
     assert rows.shape == (1, 25)
-    again = pieces_to_plan(
+    loaded_plan = pieces_to_plan(
         np.array([[3.0, *[0, 0, 0.1, 0, 0, 0, 0, 0], *[0] * 8, *[1, *[0] * 7], *[0.1, 0.5, *[0] * 6]]])
     )
-    np.testing.assert_allclose(again.extended_path.coefficients, plan.extended_path.coefficients, atol=1e-12)
+    np.testing.assert_allclose(loaded_plan.extended_path.coefficients, plan.extended_path.coefficients, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -133,9 +133,9 @@ def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
 def test_a_flight_brakes_and_prints_a_remark_if_it_continues_after_a_route_that_ends_in_motion():
     route = {**ROUTES["Lissajous"], "laps": 1}
     flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
-    rests = flight.time > flight.plan.rest_time
+    is_at_rest = flight.time > flight.plan.rest_time
     reference: Reference = flight.record("reference")
-    assert np.ptp(reference.x[rests]) == 0.0
+    assert np.ptp(reference.x[is_at_rest]) == 0.0
     assert flight.euclidean_error[-1] < 1e-3
     (remark,) = flight.remarks
     assert "ends in motion" in remark
@@ -143,8 +143,8 @@ def test_a_flight_brakes_and_prints_a_remark_if_it_continues_after_a_route_that_
     end = flight.plan.path.times[-1:]
     speed = np.linalg.norm(evaluate(flight.plan.path, end, 1))
     assert f"ends in motion ({speed:.2f} m/s) at {end.item():.2f} s," in remark
-    further = np.linalg.norm(evaluate(flight.plan.extended_path, [99.0]) - evaluate(flight.plan.path, end))
-    assert remark.endswith(f", {further:.2f} m beyond the end of the route")
+    braking_distance = np.linalg.norm(evaluate(flight.plan.extended_path, [99.0]) - evaluate(flight.plan.path, end))
+    assert remark.endswith(f", {braking_distance:.2f} m beyond the end of the route")
     assert flight_remarks(load_scenario("figure_eight", {"route": route})) == ()
 
 

@@ -30,10 +30,10 @@ def test_a_fit_finds_the_shipped_values(monkeypatch):
     table = {cell: line for cell, line in published_table().items() if cell.wind == "no_wind"}
     monkeypatch.setattr(calibration, "published_table", lambda: table)
     first = HYPOTHESES["measurement"]
-    near = first._replace(
+    narrow_range = first._replace(
         pd=first.pd._replace(low=1.19, high=1.215), network=first.network._replace(low=1.94, high=2.01)
     )
-    found = calibrate(near, load, 3)
+    found = calibrate(narrow_range, load, 3)
     control = load(calibration.NETWORK_CELL).control
     position = control.position
     assert position.k_p[0] == pytest.approx(found.pd**2, rel=0.01)
@@ -115,7 +115,7 @@ def errors_of(levels):
 def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
     """Errors are proportional to the cubes of both parameters; the PD's error depends only on the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
-    levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(published_table())}
+    levels = {cell: 0.1 * (2.0 + index) for index, cell in enumerate(published_table())}
     monkeypatch.setattr(calibration, "_errors", errors_of(levels))
     free = Hypothesis("in proportion", ["fixed=1"], number("first"), number("second"))
     found = calibrate(free, lambda cell, overrides: (cell, overrides), 5)
@@ -143,5 +143,5 @@ def test_a_parameter_range_that_cannot_reproduce_the_target_error_is_refused(low
 
 
 def test_a_crash_counts_as_an_infinite_error():
-    wild = ["duration=1", "crash.position_error=0.001"]
-    assert calibration._errors(load(Cell("low_wind", "pd"), wild), 2).tolist() == [math.inf] * 2
+    crashing_overrides = ["duration=1", "crash.position_error=0.001"]
+    assert calibration._errors(load(Cell("low_wind", "pd"), crashing_overrides), 2).tolist() == [math.inf] * 2

@@ -86,10 +86,13 @@ def relative_reduction(values, baseline):
     return difference_from(fieller(values, baseline), 1.0)
 
 
-def ratio_of_cells(found, wind, name, other, metric="rmse", other_wind=None):
+def ratio_of_cells(found, wind, name, other_name, metric="rmse", other_wind=None):
     """Return the ratio of the means of two cells."""
     return fieller(
-        *(getattr(found.cells[Cell(*cell)].metrics, metric) for cell in ((wind, name), (other_wind or wind, other)))
+        *(
+            getattr(found.cells[Cell(*cell)].metrics, metric)
+            for cell in ((wind, name), (other_wind or wind, other_name))
+        )
     )
 
 
@@ -104,8 +107,8 @@ def errors(sweep):
 
 def rows_at(sweep, number, exponents, rows):
     """Return the errors of a sweep for one of three pairs of exponents, in the given rows."""
-    places = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
-    return errors(sweep)[places]
+    indices = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
+    return errors(sweep)[indices]
 
 
 def test_the_committed_claims_are_current(found):
@@ -119,7 +122,7 @@ def test_the_committed_claims_are_current(found):
 
 def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     half, without_wind, *_ = all_claims(found)
-    cuts = {
+    reductions = {
         (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd"), 1.0)
         for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
@@ -128,30 +131,30 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     for wind in WIND_NAMES:
         baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
         over_slope[wind] = [relative_reduction(row, baseline) for row in found.slopes[wind].metrics.rmse]
-    best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
+    best = max((each for reductions in over_slope.values() for each in reductions), key=lambda each: each[0])
     assert half.evidence == (
-        f"reductions of {least_to_most(cuts.values())} over winds and exponents; at most {per_cent(best)} with a λ"
-        " other than the fitted one"
+        f"reductions of {least_to_most(reductions.values())} over winds and exponents; at most {per_cent(best)} with"
+        " a λ other than the fitted one"
     )
-    listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
+    listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in reductions.items())
     slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
     # The networks reduce the error by a fraction of about 0.55 with narrow sets and 0.45 with wide sets, and by more
     # with other values of λ.
     assert half.verdict == "holds in part"
-    cut, *others = (
+    type_2_reduction, *other_reductions = (
         difference_from(ratio_of_cells(found, "no_wind", name, "pd"), 1.0)
         for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
-        f"a reduction of {per_cent(cut)}, which is the result of the fit; reductions by the other networks, which were"
-        f" not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(others[0])};"
-        f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(others[1])}"
+        f"a reduction of {per_cent(type_2_reduction)}, which is the result of the fit; reductions by the other"
+        f" networks, which were not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(other_reductions[0])};"
+        f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(other_reductions[1])}"
     )
 
 
 def test_claims_about_type_2_and_type_1_are_judged(found):
-    _, _, against, wider, *_ = all_claims(found)
+    _, _, type_2, wider, *_ = all_claims(found)
     gains = {
         (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd_t1fnn"), 1.0)
         for wind in WIND_NAMES
@@ -160,32 +163,32 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
     better = {}
     for number, sweep, count in (("noise", found.noise, len(NOISE_LEVELS)), ("q", found.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
-        both = (
+        both_widths = (
             [
-                relative_reduction(row, of_1)
-                for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)
+                relative_reduction(row, baseline)
+                for row, baseline in zip(rows_at(sweep, number, name, count), first, strict=True)
             ]
             for name in ("pd_t2fnn", "pd_t2fnn_wide")
         )
-        better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
+        better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both_widths, strict=True)]
     windy = [gain for (wind, _), gain in gains.items() if wind != "no_wind"]
-    assert against.evidence == (
+    assert type_2.evidence == (
         f"reductions of {least_to_most(windy)} in wind; without wind, with the better of the two widths,"
         f" {least_to_most(better['noise'])} with noise from 0 to 20 mm, {least_to_most(better['q'][1:-1])} with q from"
         f" 0.25 to 0.75, and {per_cent(better['q'][0])} with q = 0, where only the upper memberships count"
     )
-    assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
-    assert against.verdict == "holds"
+    assert type_2.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
+    assert type_2.verdict == "holds"
     narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
     larger = [difference_from(relative_reduction(*pair)) for pair in zip(wide, narrow, strict=True)]
     # The weights are the partial derivatives of w₀ / n₀ - w / n with respect to the four means (delta method).
-    four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
-    four = four[:, np.isfinite(four).all(axis=0)]
-    w_0, n_0, w, n = four.mean(axis=1)
+    errors_of_four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
+    errors_of_four = errors_of_four[:, np.isfinite(errors_of_four).all(axis=0)]
+    w_0, n_0, w, n = errors_of_four.mean(axis=1)
     weights = np.array([1.0 / n_0, -w_0 / n_0**2, -1.0 / n, w / n**2])
-    count = four.shape[1]
-    half = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(four) @ weights / count)
-    trend = (w_0 / n_0 - w / n) + half * np.array([0.0, -1.0, 1.0])
+    count = errors_of_four.shape[1]
+    half_width = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(errors_of_four) @ weights / count)
+    trend = (w_0 / n_0 - w / n) + half_width * np.array([0.0, -1.0, 1.0])
     assert wider.evidence == (
         f"wider sets have an error that is larger by {per_cent(larger[0])} without position noise and by"
         f" {per_cent(larger[-1])} with 20 mm, so noise reduces their disadvantage by {per_cent(trend)} of the error"
@@ -200,8 +203,8 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
 def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
-    cut = difference_from(ratio_of_cells(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
-    assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(cut)}"
+    reduction = difference_from(ratio_of_cells(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
+    assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(reduction)}"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
@@ -218,7 +221,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     assert peaks.details == "; ".join(f"{named(*cell)} {millimetres(each)}" for cell, each in differences.items())
     assert peaks.verdict == "holds"
 
-    left, returned = (
+    fades, returns = (
         {
             (wind, name): interval(found.recorded[Cell(wind, name)][measure])
             for wind in WIND_NAMES
@@ -228,12 +231,12 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     )
     assert fading.evidence == (
         "without wind, the RMS of the PD's output in the last quarter of a flight is"
-        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of its value in the quarter after the climb; in the 1 s after a"
-        f" change of segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of its value in the 1 s before"
+        f" {per_cent(fades['no_wind', 'pd_t2fnn'])} of its value in the quarter after the climb; in the 1 s after a"
+        f" change of segment, it is {per_cent(returns['no_wind', 'pd_t2fnn'])} of its value in the 1 s before"
     )
     listed = [
         "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in fractions.items())
-        for fractions in (left, returned)
+        for fractions in (fades, returns)
     ]
     assert fading.details == (
         "RMS of the PD's output in the last quarter of a flight, relative to the quarter after the climb:"
@@ -267,22 +270,24 @@ def test_claims_about_gains_are_judged(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
     # The third pair of gains is excluded, because a sample crashed on a straight line with it.
-    on_straight = min((0, 1, 3, 4, 5), key=lambda place: sum(straight[place, :8]))
-    on_curved = min(range(6), key=lambda place: sum(curved[place, :8]))
+    on_straight = min((0, 1, 3, 4, 5), key=lambda index: sum(straight[index, :8]))
+    on_curved = min(range(6), key=lambda index: sum(curved[index, :8]))
     worse = fieller(curved[on_straight, 8:], curved[on_curved, 8:]) - 1.0
-    livelier = fieller(swing[on_curved, 8:], swing[on_straight, 8:])
+    variation_ratio = fieller(swing[on_curved, 8:], swing[on_straight, 8:])
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
-    texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
+    texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[index]) for index in (on_straight, on_curved)]
     assert legs.evidence == (
         f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the error on"
         f" curves is larger by {per_cent(worse)} with the gains for straight lines than with the gains for curves, and"
-        f" the variation of the command on straight lines is {plain(livelier)} times as large with the gains for curves"
-        " as with the gains for straight lines"
+        f" the variation of the command on straight lines is {plain(variation_ratio)} times as large with the gains"
+        " for curves as with the gains for straight lines"
     )
-    kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
-    fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
-    typical = [interval([np.median(column) / column.min() for column in columns]) for columns in kept]
-    best = [interval([column.min() for column in columns]) for columns in kept]
+    finite_errors = [
+        [column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")
+    ]
+    fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in finite_errors]
+    typical = [interval([np.median(column) / column.min() for column in columns]) for columns in finite_errors]
+    best = [interval([column.min() for column in columns]) for columns in finite_errors]
     crashing = [
         sum(np.isfinite(row).any() for row in found.maps[name].metrics.crash_time) for name in ("pd", "pd_t2fnn")
     ]
@@ -322,7 +327,7 @@ def test_effort_ratios_are_compared_with_the_printed_ratios(found):
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
     winds = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
-    wanted, cells, logs = [], [], {"x": [], "y": []}
+    printed_ratios, cells, logs = [], [], {"x": [], "y": []}
     for row in printed:
         name = "pd_t2fnn_wide" if row["a1"] == "1.4" else names[row["controller"]]
         for axis in "xy":
@@ -330,14 +335,18 @@ def test_effort_ratios_are_compared_with_the_printed_ratios(found):
             if np.all(np.isfinite(runs)):
                 logs[axis].append(np.log(runs))
         if name != "pd":
-            (pd,) = (other for other in printed if other["controller"] == "PD" and other["wind"] == row["wind"])
+            (pd,) = (
+                candidate
+                for candidate in printed
+                if candidate["controller"] == "PD" and candidate["wind"] == row["wind"]
+            )
             cells.append(Cell(winds[row["wind"]], name))
             columns = [f"effort_{axis}_mean" for axis in "xy"]
-            wanted.append([float(row[column] or "nan") / float(pd[column] or "nan") for column in columns])
-    wanted = np.array(wanted)
-    kept = np.isfinite(wanted)
+            printed_ratios.append([float(row[column] or "nan") / float(pd[column] or "nan") for column in columns])
+    printed_ratios = np.array(printed_ratios)
+    is_printed = np.isfinite(printed_ratios)
     np.testing.assert_allclose(
-        published_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in wanted.T]
+        published_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in printed_ratios.T]
     )
     variance = np.mean([np.sum((runs - runs.mean()) ** 2) / 2.0 for runs in logs["x"] + logs["y"]])
     assert published_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
@@ -354,9 +363,11 @@ def test_effort_ratios_are_compared_with_the_printed_ratios(found):
                 for cell in cells
             ]
         )
-        off = np.sqrt([np.mean(np.log(fractions[kept, k] / wanted[kept]) ** 2) for k in range(4)])
-        np.testing.assert_allclose(matches[name].distance, np.exp(interval(off)))
-        means = [scipy.stats.gmean(fractions[kept[:, axis], axis].ravel()) for axis in (0, 1)]
+        distances = np.sqrt(
+            [np.mean(np.log(fractions[is_printed, k] / printed_ratios[is_printed]) ** 2) for k in range(4)]
+        )
+        np.testing.assert_allclose(matches[name].distance, np.exp(interval(distances)))
+        means = [scipy.stats.gmean(fractions[is_printed[:, axis], axis].ravel()) for axis in (0, 1)]
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
@@ -395,7 +406,7 @@ def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
             str(entry.crashed),
         )
         for name, runs in (("printed", entry.printed), ("ours", entry.runs)):
-            written = [float(row[f"{name}_{which}"] or "nan") for which in ("run1", "run2", "run3", "mean")]
+            written = [float(row[f"{name}_{column}"] or "nan") for column in ("run1", "run2", "run3", "mean")]
             np.testing.assert_allclose(written, [*runs.runs, runs.mean], rtol=1e-8)
         np.testing.assert_allclose([float(row[end]) for end in ("mean", "low", "high")], entry.mean, rtol=1e-8)
 
@@ -457,12 +468,12 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
     rmse = np.ones((len(SLOPES), 3))
     rmse[2] = slope
     slopes = {wind: Sweep({"slope": np.array(SLOPES)}, np.arange(3), metrics(rmse.shape, rmse=rmse)) for wind in WINDS}
-    own = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in select_cells(CONTROLLERS)}
-    own[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
+    pd_measures = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in select_cells(CONTROLLERS)}
+    pd_measures[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
     gains = {"k_p": np.array([1.0, 2.0]), "k_d": np.array([1.0, 1.0])}
     maps = {name: Sweep(gains, np.arange(3), metrics((2, 3))) for name in ("pd", "pd_t2fnn")}
     legs = Sweep(gains, np.arange(4), LegMetrics(*np.ones((3, 2, 4))))
-    return Experiment(studies, own, *sweeps, slopes, maps, legs)
+    return Experiment(studies, pd_measures, *sweeps, slopes, maps, legs)
 
 
 TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
@@ -548,8 +559,8 @@ def test_the_claim_that_any_stabilising_gains_suffice_requires_more_than_half_of
     experiment = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}
-    for name, good in (("pd", pd), ("pd_t2fnn", network)):
-        rmse = np.where(np.arange(4)[:, np.newaxis] < good, 1.0, 1.3) * np.ones((4, 3))
+    for name, num_good in (("pd", pd), ("pd_t2fnn", network)):
+        rmse = np.where(np.arange(4)[:, np.newaxis] < num_good, 1.0, 1.3) * np.ones((4, 3))
         metrics = Metrics(**{field: np.full((4, 3), np.inf) for field in Metrics._fields})._replace(rmse=rmse)
         maps[name] = Sweep(gains, np.arange(3), metrics)
     *_, circle = all_claims(replace(experiment, maps=maps))

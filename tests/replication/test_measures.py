@@ -22,9 +22,11 @@ TIME = 0.02 * np.arange(801)
 def flight(crash_time=math.inf, **signals):
     """Return a flight with the given signals, and otherwise the signals of a vehicle at rest."""
     sizes = {"acceleration_command": 3, "wrench": 4, "state": 12, "reference": 11}
-    others = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {"pd": np.ones((len(TIME), 3))}
+    default_signals = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {
+        "pd": np.ones((len(TIME), 3))
+    }
     metrics = Metrics(*[0.0] * (len(Metrics._fields) - 1), crash_time)
-    return Flight(load_scenario("diagrams/hover.yaml"), PLAN, TIME, others | signals, metrics)
+    return Flight(load_scenario("diagrams/hover.yaml"), PLAN, TIME, default_signals | signals, metrics)
 
 
 def pulses(*heights):

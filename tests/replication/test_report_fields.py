@@ -61,8 +61,8 @@ def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
     assert fields["crashes"] == "21 samples crashed; means are those of the others."
     for name in QUANTITIES:
         assert fields[f"table_{name}"] == table_markdown(entries, name)
-    kept = [each for each in entries_of_table() if abs(each.deviation) < 0.1]
-    fields = report._table_fields(kept)
+    accurate_entries = [each for each in entries_of_table() if abs(each.deviation) < 0.1]
+    fields = report._table_fields(accurate_entries)
     assert fields["exceptions"] == ""
     assert fields["within"] == fields["predicted"] == 2
     assert fields["crashes"] == "No sample crashed."
@@ -114,11 +114,13 @@ def test_the_comparison_with_other_controllers_has_a_row_for_each_controller_and
     for name in ("pd_retuned", "pd_feed_forward"):
         fractions = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
         assert fields[f"{name}_over_network"] == ", ".join(fractions)
-    helped = (
+    network_ratios = (
         compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).ratio
         for wind in WINDS
     )
-    expected = (f"{fraction.percent()} ({words})" for fraction, words in zip(helped, WINDS.values(), strict=True))
+    expected = (
+        f"{fraction.percent()} ({words})" for fraction, words in zip(network_ratios, WINDS.values(), strict=True)
+    )
     assert fields["network_over_feed_forward"] == ", ".join(expected)
 
 

@@ -59,7 +59,7 @@ def test_gains_are_in_geometric_steps(ranges, k_p, k_d):
 def test_settings_are_written_to_their_fields_of_the_scenario():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd_t2fnn")
     names = ("noise", "q", "a1", "a2", "k_p", "k_d", "slope")
-    settings = {name: np.array([10.0 + place, 20.0 + place]) for place, name in enumerate(names)}
+    settings = {name: np.array([10.0 + index, 20.0 + index]) for index, name in enumerate(names)}
     batch = settings_batch(scenario, settings, [4, 0, 7])
     assert (len(batch), batch.samples) == (6, (4, 0, 7) * 2)
     for vehicle in range(6):
@@ -87,9 +87,9 @@ def test_metrics_have_a_row_for_each_setting_and_a_column_for_each_sample():
         gains = [
             f"control.position.{name}.{axis}={gain}" for name, gain in (("k_p", k_p), ("k_d", k_d)) for axis in (0, 1)
         ]
-        alone = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6", *gains])
+        single_scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6", *gains])
         for column, sample in enumerate((4, 0, 7)):
-            metrics = simulate(alone, sample=sample, compiled=False).metrics
+            metrics = simulate(single_scenario, sample=sample, compiled=False).metrics
             np.testing.assert_allclose([values[row, column] for values in found], metrics, rtol=1e-9)
 
 
@@ -98,5 +98,5 @@ def test_leg_metrics_have_a_row_for_each_setting():
     settings = {"k_p": np.array([1.4, 4.0]), "k_d": np.array([1.7, 3.0])}
     found = fly_legs(scenario, settings, [5, 1])
     assert all(values.shape == (2, 2) for values in found)
-    (alone,) = (values[0, 0] for values in fly_legs(scenario, {"k_p": [4.0], "k_d": [3.0]}, [1])[:1])
-    assert found.straight[1, 1] == pytest.approx(alone, rel=1e-9)
+    (single_value,) = (values[0, 0] for values in fly_legs(scenario, {"k_p": [4.0], "k_d": [3.0]}, [1])[:1])
+    assert found.straight[1, 1] == pytest.approx(single_value, rel=1e-9)

@@ -155,5 +155,8 @@ def test_geometric_control_is_the_published_law_by_default():
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)
-    other = load("pd", field, "control.attitude.transport_term=false", "control.attitude.euler_sequence=zxy")
-    assert (other.control.attitude.transport_term, other.control.attitude.euler_sequence) == (False, "zxy")
+    other_scenario = load("pd", field, "control.attitude.transport_term=false", "control.attitude.euler_sequence=zxy")
+    assert (other_scenario.control.attitude.transport_term, other_scenario.control.attitude.euler_sequence) == (
+        False,
+        "zxy",
+    )

@@ -19,10 +19,10 @@ CORRELATED_FIELDS = {
 }
 
 
-def scenario(kind, size=64, **more):
+def scenario(kind, size=64, **fields):
     draws = None if kind is None else {"kind": kind, "size": size}
     return load_scenario(
-        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED_FIELDS, **more}.items()]
+        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED_FIELDS, **fields}.items()]
     ).model_copy(update={"draws": draws and DesignedDraws(**draws)})
 
 
@@ -58,12 +58,16 @@ def test_numbers_are_uniform_over_all_replicates(kind):
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_a_sample_does_not_depend_on_its_batch(kind):
-    whole = Batch.draw(scenario(kind), range(200))
+    full_batch = Batch.draw(scenario(kind), range(200))
     part = Batch.draw(scenario(kind), [150, 3, 64])
-    for path, values in whole.varying.items():
+    for path, values in full_batch.varying.items():
         np.testing.assert_array_equal(part.varying[path], values[[150, 3, 64]])
-    drawn = part.vehicle_scenario(1)
-    assert (drawn.vehicle.mass, drawn.sample, drawn.draws) == (whole.varying["vehicle.mass"][3], 3, None)
+    sample_scenario = part.vehicle_scenario(1)
+    assert (sample_scenario.vehicle.mass, sample_scenario.sample, sample_scenario.draws) == (
+        full_batch.varying["vehicle.mass"][3],
+        3,
+        None,
+    )
     assert part.noise_samples.indices == (150, 3, 64)
 
 
@@ -96,11 +100,11 @@ def test_fields_of_a_latin_hypercube_do_not_depend_on_other_fields():
 
 
 def test_scenarios_whose_samples_do_not_correspond_cannot_be_compared_in_pairs():
-    more = {"vehicle.quadratic_drag": {"uniform": {"min": 0.0, "max": 0.1}}}
+    additional_field = {"vehicle.quadratic_drag": {"uniform": {"min": 0.0, "max": 0.1}}}
     with pytest.raises(
         InputError, match=r"second and first have different random parameters \(vehicle.quadratic_drag\)"
     ):
-        check_pairs({"first": scenario("sobol"), "second": scenario("sobol", **more)})
+        check_pairs({"first": scenario("sobol"), "second": scenario("sobol", **additional_field)})
     with pytest.raises(InputError, match="second and first have different draws"):
         check_pairs({"first": scenario("sobol"), "second": scenario(None)})
 

@@ -226,7 +226,7 @@ odd_values = st.one_of(
 def values_near(number):
     """Return a Hypothesis strategy for multiples of a number, and for distributions around the number."""
     low, high = sorted((0.9 * number, 1.1 * number))
-    about = [
+    distributions = [
         {"uniform": {"min": low, "max": high}},
         {"log_uniform": {"min": low, "max": high}},
         {"choice": [low, high]},
@@ -234,7 +234,7 @@ def values_near(number):
         {"normal": {"mean": number, "standard_deviation": 0.1, "min": low, "max": high, "shared": {"a": -0.8}}},
     ]
     powers = st.integers(-12, 12).map(lambda power: (number or 1.0) * 10.0**power)
-    return st.one_of(powers, powers, powers, st.sampled_from([-number, 0, 2 * number, *about]))
+    return st.one_of(powers, powers, powers, st.sampled_from([-number, 0, 2 * number, *distributions]))
 
 
 def is_number(value):
@@ -245,7 +245,7 @@ def is_number(value):
 def varied_trees(draw):
     """Draw a scenario in which only numbers differ, so that most scenarios can be flown."""
     tree = copy.deepcopy(draw(st.sampled_from(seeds())))
-    numbers = [place for place in paths_in(tree) if is_number(part_at(tree, place))]
+    numbers = [number_path for number_path in paths_in(tree) if is_number(part_at(tree, number_path))]
     for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
         parent = part_at(tree, path[:-1])
         parent[path[-1]] = copy.deepcopy(draw(values_near(parent[path[-1]])))
@@ -335,10 +335,10 @@ def assert_flies_or_is_refused(scenario):
 def folder(tmp_path_factory):
     """Work in an empty folder during the tests, so that messages contain short paths, as for a user."""
     path = tmp_path_factory.mktemp("fuzz")
-    before = Path.cwd()
+    previous_folder = Path.cwd()
     os.chdir(path)
     yield path
-    os.chdir(before)
+    os.chdir(previous_folder)
 
 
 @pytest.mark.long
@@ -468,8 +468,8 @@ def test_a_mutated_waypoint_table_is_planned_or_refused_in_one_sentence(folder, 
             assert np.isfinite(evaluate(plan.path, np.linspace(*plan.path.times[[0, -1]], 50))).all()
 
 
-def field_path(place):
-    return ".".join(map(str, place))
+def field_path(path):
+    return ".".join(map(str, path))
 
 
 known_paths = st.deferred(

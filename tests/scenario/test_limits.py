@@ -53,9 +53,9 @@ def refusal(load, *arguments):
     return message
 
 
-def chain(levels, *, twice=False):
+def chain(levels, *, extends_twice=False):
     """Return a file of scenarios, each of which extends the previous one. The first is complete."""
-    bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
+    bases = [f"[s{i}, s{i}]" if extends_twice else f"s{i}" for i in range(levels)]
     return f"s0:\n{MINIMAL_FIELDS}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
 
@@ -63,7 +63,7 @@ def test_a_scenario_extended_several_times_is_resolved_only_once(write, monkeypa
     calls = []
     with_layer = library.with_layer
     monkeypatch.setattr(library, "with_layer", lambda *trees: calls.append(1) or with_layer(*trees))
-    scenario = load_scenario(f"{write(chain(18, twice=True))}:s18")
+    scenario = load_scenario(f"{write(chain(18, extends_twice=True))}:s18")
     assert scenario.route.kind == "hover"
     assert len(calls) < 500
 

@@ -17,7 +17,7 @@ from drake_quad import (
 from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # Components of the measurement, which contain body rates and angles in addition to those of the estimate.
@@ -113,7 +113,7 @@ def test_the_plant_of_a_design_has_the_exact_state_as_its_output():
 def test_a_sensor_that_corrects_estimates_needs_a_measurement_equation():
     class Altimeter(SensorSettings):
         kind: Literal["altimeter"]
-        aids: ClassVar = AidingUse("height", (("period",),))
+        aids: ClassVar = AidingModel("height", (("period",),))
 
     with pytest.raises(TypeError, match="Altimeter must define aiding_parameters"):
         SENSORS.register(Altimeter)

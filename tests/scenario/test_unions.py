@@ -188,16 +188,16 @@ def test_declarations_of_every_control_agree_with_its_diagram(scenario, layers):
     scenario = load_scenario(scenario, layers=layers)
     control, setting = scenario.control, setting_of(scenario)
     recipes = control.recipes(setting)
-    for starts in control.user_system_paths.values():
-        assert any(path.startswith(starts) for path in recipes)
-    built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().specified)
-    inputs, outputs = port_names(built)
-    assert built.get_name() == "control"
+    for prefixes in control.user_system_paths.values():
+        assert any(path.startswith(prefixes) for path in recipes)
+    diagram = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().specified)
+    inputs, outputs = port_names(diagram)
+    assert diagram.get_name() == "control"
     assert setting.autopilot.command in outputs
     assert ("reference_ahead" in inputs) == bool(control.ahead())
     assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.user_system_paths)
     assert not control.lacks_policy()
-    assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network is not None)
+    assert ("network" in {part.get_name() for part in diagram.GetSystems()}) == (control.network is not None)
     assert (control.cascade() is control) == (control.kind == "cascade")
     assert 0.0 < control.limits().min_thrust < 1.0 < control.limits().max_thrust
 
@@ -305,9 +305,9 @@ def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, ch
     changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)
     (name,) = get_args(kind.model_fields["kind"].annotation)
-    own = {path: value_at(scenario, path).model_dump(mode="json") | {"kind": name}}
+    override = {path: value_at(scenario, path).model_dump(mode="json") | {"kind": name}}
     flights = []
-    for each in (scenario, load_scenario(base, [changes, own])):
+    for each in (scenario, load_scenario(base, [changes, override])):
         policy = action_source(np.full((1, 3), 0.1), 0.02) if each.control.lacks_policy() else None
         flights.append(simulate(each, policy=policy, sample=0))
     assert value_at(flights[1].scenario, path).kind == name

@@ -139,9 +139,9 @@ def test_a_study_on_a_cluster_has_the_results_of_a_local_study(cluster, tmp_path
     assert stderr.startswith("interrupted: ")
     assert 0 < len(read_study(folder).samples) < 300
 
-    gone_on = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "200", "--resume")
-    stdout, stderr = gone_on.communicate()
-    assert (gone_on.returncode, stderr) == (0, "")
+    resumed = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "200", "--resume")
+    stdout, stderr = resumed.communicate()
+    assert (resumed.returncode, stderr) == (0, "")
     assert stdout.splitlines()[-1].endswith("vehicle-seconds per second")
     run_monte_carlo(load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES), 300, folder=tmp_path / "here")
     assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
@@ -149,14 +149,14 @@ def test_a_study_on_a_cluster_has_the_results_of_a_local_study(cluster, tmp_path
 
 @pytest.mark.long
 def test_a_search_on_a_cluster_evaluates_the_same_flights_as_a_local_search(cluster, tmp_path):
-    searched = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
-    stdout, stderr = searched.communicate()
-    assert (searched.returncode, stderr) == (0, "")
+    process = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
+    stdout, stderr = process.communicate()
+    assert (process.returncode, stderr) == (0, "")
     assert "fractions of the variance of rmse" in stdout
     scenario = load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES)
     sobol_indices(scenario, "rmse", num_points=8, folder=tmp_path / "here")
-    there, here = (tmp_path / name / "flights.csv" for name in ("there", "here"))
-    assert there.read_bytes() == here.read_bytes()
+    cluster_file, local_file = (tmp_path / name / "flights.csv" for name in ("there", "here"))
+    assert cluster_file.read_bytes() == local_file.read_bytes()
 
 
 @pytest.mark.long
@@ -175,11 +175,11 @@ with dask_pool("{cluster.address}") as pool:
     assert (run.returncode, run.stderr) == (0, "")
 
 
-def signalled(cluster, folder, sent):
+def signalled(cluster, folder, signal_number):
     """Return a study that has written some results when its scheduler receives a signal."""
     study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
     wait_for_results(study, folder)
-    cluster.scheduler.send_signal(sent)
+    cluster.scheduler.send_signal(signal_number)
     return study
 
 

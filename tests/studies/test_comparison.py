@@ -25,13 +25,15 @@ def test_the_ratio_of_means_is_over_samples_without_a_crash():
     assert (reverse.num_pairs, reverse.ratio.value) == (2, 0.2)
 
 
-@pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
-def test_the_significance_of_crashes_follows_from_the_sign_test(ours, theirs, significance):
+@pytest.mark.parametrize(
+    ("only_first", "only_second", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)]
+)
+def test_the_significance_of_crashes_follows_from_the_sign_test(only_first, only_second, significance):
     """By McNemar's exact test, five crashes of only one controller have the p-value 2 / 2⁵."""
     times = np.full((2, 8), math.inf)
-    times[0, :ours] = times[1, 8 - theirs :] = 1.0
+    times[0, :only_first] = times[1, 8 - only_second :] = 1.0
     found = compare(*(metrics(np.ones(8), each) for each in times))
-    assert (found.crashed, found.baseline_crashed) == (ours, theirs)
+    assert (found.crashed, found.baseline_crashed) == (only_first, only_second)
     assert found.crash_significance == pytest.approx(significance)
 
 

@@ -38,22 +38,22 @@ def flown(scenario, tmp_path_factory):
 
 @pytest.mark.long
 def test_results_do_not_depend_on_the_batch_size(scenario, flown):
-    _, whole = flown
+    _, expected = flown
     single = run_monte_carlo(scenario, 7, 3, num_workers=1, batch_size=1)
     for path in (MASS, DRAG):
-        np.testing.assert_array_equal(single.parameters[path], whole.parameters[path])
-    np.testing.assert_allclose(single.metrics.rmse, whole.metrics.rmse, rtol=1e-9)
+        np.testing.assert_array_equal(single.parameters[path], expected.parameters[path])
+    np.testing.assert_allclose(single.metrics.rmse, expected.metrics.rmse, rtol=1e-9)
 
 
 def test_a_study_with_correlations_can_be_read_and_resumed(scenario, flown):
     """A resumed study flies rows again if their drawn values do not follow from the seed."""
-    folder, whole = flown
-    np.testing.assert_allclose(read_study(folder).parameters[MASS], whole.parameters[MASS], rtol=1e-11)
-    again = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
-    assert (len(again.samples), again.invalid_lines) == (9, ())
-    assert again.simulated_time == pytest.approx(2 * 0.2)
-    drawn = Batch.draw(scenario, range(9), seed=3).varying[DRAG]
-    np.testing.assert_allclose(again.parameters[DRAG], drawn, rtol=1e-11)
+    folder, flown_study = flown
+    np.testing.assert_allclose(read_study(folder).parameters[MASS], flown_study.parameters[MASS], rtol=1e-11)
+    resumed_study = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
+    assert (len(resumed_study.samples), resumed_study.invalid_lines) == (9, ())
+    assert resumed_study.simulated_time == pytest.approx(2 * 0.2)
+    drawn_drag = Batch.draw(scenario, range(9), seed=3).varying[DRAG]
+    np.testing.assert_allclose(resumed_study.parameters[DRAG], drawn_drag, rtol=1e-11)
 
 
 def test_drake_monte_carlo_flies_correlated_samples(diagrams):
@@ -99,9 +99,9 @@ def test_the_partial_rank_correlation_agrees_with_the_recursion_formula():
     assert found.value == pytest.approx(expected, rel=1e-12)
     # The interval is that of a rank correlation (Bonett and Wright) with 499 samples instead of 500, since one variable
     # is held constant.
-    reach = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
-    assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(reach, rel=1e-6)
-    assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(reach, rel=1e-6)
+    half_width = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
+    assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(half_width, rel=1e-6)
+    assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(half_width, rel=1e-6)
     assert partial_rank_correlation(x, y, np.empty((0, 500))) == rank_correlation(x, y)
 
 

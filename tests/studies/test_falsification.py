@@ -47,8 +47,8 @@ def test_a_repeated_flight_of_the_worst_case_has_the_same_metric(found):
 
 @pytest.mark.slow
 def test_the_same_seed_repeats_a_search(scenario, found):
-    again = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
-    np.testing.assert_array_equal(again.point, found.point)
+    repeated = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    np.testing.assert_array_equal(repeated.point, found.point)
 
 
 @pytest.mark.slow

@@ -38,9 +38,9 @@ def clock(monkeypatch):
     return found
 
 
-def submit_and_wait(workers, function, given):
+def submit_and_wait(workers, function, argument):
     """Submit a task to worker processes, wait, and return the outcomes of the tasks that have ended."""
-    workers.submit(function, given)
+    workers.submit(function, argument)
     return workers.next_outcomes()
 
 
@@ -107,14 +107,14 @@ def test_functions_of_an_interactive_session_require_a_fork(monkeypatch):
     session = types.ModuleType("__main__")
     exec("def maker(num_vehicles): return None", session.__dict__)
     monkeypatch.setitem(sys.modules, "__main__", session)
-    for file, fork, known in ((None, True, True), ("a.py", False, True), (None, False, False)):
+    for file, fork, is_accepted in ((None, True, True), ("a.py", False, True), (None, False, False)):
         monkeypatch.setattr(processes, "_can_fork", lambda fork=fork: fork)
         if file is not None:
             session.__file__ = file
         elif hasattr(session, "__file__"):
             del session.__file__
         check_importable({"wind": None, "control": process_number})
-        if known:
+        if is_accepted:
             check_importable({"wind": session.maker})
         else:
             with pytest.raises(InputError, match="wind is defined in an interactive session"):
@@ -127,14 +127,14 @@ def test_processes_are_forked_on_linux_only(monkeypatch):
     assert not Workers(1).forks_workers
 
 
-@pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
-def test_workers_are_spawned_where_they_cannot_be_forked(monkeypatch, fork, how):
-    asked, context = [], multiprocessing.get_context("fork")
+@pytest.mark.parametrize(("fork", "method"), [(True, "fork"), (False, "spawn")])
+def test_workers_are_spawned_where_they_cannot_be_forked(monkeypatch, fork, method):
+    requested_methods, context = [], multiprocessing.get_context("fork")
     monkeypatch.setattr(processes, "_can_fork", lambda: fork)
-    monkeypatch.setattr(multiprocessing, "get_context", lambda name: asked.append(name) or context)
+    monkeypatch.setattr(multiprocessing, "get_context", lambda name: requested_methods.append(name) or context)
     worker = _Worker(None)
     worker.end()
-    assert asked == [how]
+    assert requested_methods == [method]
 
 
 @pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
@@ -145,10 +145,10 @@ def test_a_time_limit_must_be_positive(limit):
 
 def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
     with Workers(2, time_limit=20.0) as workers:
-        ((_, first, *_),) = submit_and_wait(workers, process_number, None)
+        ((_, first_pid, *_),) = submit_and_wait(workers, process_number, None)
         assert not workers.forks_workers
-        ((_, again, *_),) = submit_and_wait(workers, process_number, None)
-        assert first == again != os.getpid()
+        ((_, second_pid, *_),) = submit_and_wait(workers, process_number, None)
+        assert first_pid == second_pid != os.getpid()
         for _ in range(2):
             workers.submit(meet, tmp_path)
         outcomes = workers.next_outcomes()
@@ -156,7 +156,7 @@ def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
             outcomes += workers.next_outcomes()
         pids = {outcome.result for outcome in outcomes}
         assert len(pids) == 2
-        assert first in pids
+        assert first_pid in pids
         processes = [worker.process for worker in workers._workers]
         assert all(process.daemon and process.is_alive() for process in processes)
     assert [process.exitcode for process in processes] == [-signal.SIGKILL] * 2
@@ -192,8 +192,8 @@ def test_the_wait_ends_at_the_first_deadline(monkeypatch):
 def test_abandoning_tasks_keeps_idle_processes():
     with Workers(2) as workers:
         workers.submit(hang, 1)
-        ((given, *_),) = submit_and_wait(workers, process_number, 2)
-        assert given == 2
+        ((argument, *_),) = submit_and_wait(workers, process_number, 2)
+        assert argument == 2
         busy, idle = (worker.process for worker in workers._workers)
         workers.abandon()
         assert not busy.is_alive()
@@ -287,26 +287,26 @@ def test_ctrl_c_is_blocked_while_a_process_starts():
 class Pipe:
     """End of a pipe that receives one message and is then closed."""
 
-    def __init__(self, *what):
-        self.waiting, self.sent = [*what], []
+    def __init__(self, *messages):
+        self.waiting, self.sent = [*messages], []
 
     def recv(self):
         if not self.waiting:
             raise EOFError
         return self.waiting.pop(0)
 
-    def send(self, what):
-        self.sent.append(what)
+    def send(self, message):
+        self.sent.append(message)
 
 
 def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
     """The process first returns the outcome of its task, without the argument, which the parent process already has."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
-    pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
+    pipe, previous_handler = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:
         processes._serve(pipe)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
     assert pipe.sent == [None, Outcome(None, 3)]
 
 

@@ -41,14 +41,14 @@ def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
     path = tmp_path / "results.csv"
     path.unlink(missing_ok=True)
     write(path)
-    whole = path.read_bytes()
-    cut = data.draw(st.integers(0, len(whole)))
-    path.write_bytes(whole[:cut])
-    left = max(whole[:cut].count(b"\n") - 1, 0)
+    content = path.read_bytes()
+    length = data.draw(st.integers(0, len(content)))
+    path.write_bytes(content[:length])
+    left = max(content[:length].count(b"\n") - 1, 0)
     with open_results(path, ROW_FORMAT) as (file, found):
         np.testing.assert_array_equal(found.rows[:, 0], ROWS[:left, 0])
         file.append(ROWS[left:])
-    assert path.read_bytes() == whole
+    assert path.read_bytes() == content
 
 
 @pytest.mark.slow
@@ -61,9 +61,9 @@ def test_any_alteration_of_a_row_is_detected(tmp_path, data):
     lines = path.read_bytes().split(b"\n")
     row = data.draw(st.integers(1, len(ROWS)))
     line = lines[row]
-    place, length = data.draw(st.integers(0, len(line))), data.draw(st.integers(0, 1))
+    position, length = data.draw(st.integers(0, len(line))), data.draw(st.integers(0, 1))
     new = data.draw(st.sampled_from([b"", *(bytes([code]) for code in b"0123456789abcdef.,-+einf \r\0\xff")]))
-    lines[row] = line[:place] + new + line[place + length :]
+    lines[row] = line[:position] + new + line[position + length :]
     assume(lines[row] != line)
     path.write_bytes(b"\n".join(lines))
     found = read_results(path, ROW_FORMAT)
@@ -75,9 +75,9 @@ def test_foreign_and_repeated_rows_are_ignored(tmp_path):
     path = tmp_path / "results.csv"
     write(path)
     write_results(tmp_path / "other.csv", ROW_FORMAT._replace(study="another study"), ROWS[:1])
-    others = (tmp_path / "other.csv").read_bytes().split(b"\n", 1)[1]
-    own = path.read_bytes().splitlines(keepends=True)[1]
-    path.write_bytes(path.read_bytes() + others + own)
+    foreign_rows = (tmp_path / "other.csv").read_bytes().split(b"\n", 1)[1]
+    repeated_row = path.read_bytes().splitlines(keepends=True)[1]
+    path.write_bytes(path.read_bytes() + foreign_rows + repeated_row)
     found = read_results(path, ROW_FORMAT)
     np.testing.assert_array_equal(found.rows[:, 0], ROWS[:, 0])
     assert found.invalid_lines == [5]
@@ -88,9 +88,9 @@ def test_rewriting_a_results_file_does_not_change_it(tmp_path):
     rows = np.random.default_rng(1).normal(size=(200, len(ROW_FORMAT.columns))) * 10.0 ** np.arange(-100, 100)[:, None]
     rows[:, 0] = np.arange(200)
     write(path, rows)
-    before = path.read_bytes()
+    content = path.read_bytes()
     write_results(path, ROW_FORMAT, read_results(path, ROW_FORMAT).rows)
-    assert path.read_bytes() == before
+    assert path.read_bytes() == content
 
 
 @pytest.mark.parametrize("content", ["time,x\n0,1\n", "notes about something that is no table at all, and long\n"])
@@ -117,20 +117,20 @@ def test_a_full_disk_leaves_only_complete_rows(tmp_path):
     """A limit on the file size interrupts a write, as a full disk does."""
     path = tmp_path / "results.csv"
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    previous_handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         with open_results(path, ROW_FORMAT) as (file, _):
             file.append(ROWS[:1])
-            whole = path.read_bytes()
-            resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, limits[1]))
+            content = path.read_bytes()
+            resource.setrlimit(resource.RLIMIT_FSIZE, (len(content) + 10, limits[1]))
             with pytest.raises(OSError, match="too large"):
                 file.append(ROWS[1:])
-            assert path.read_bytes() == whole
+            assert path.read_bytes() == content
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
             file.append(ROWS[1:])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, before)
+        signal.signal(signal.SIGXFSZ, previous_handler)
     assert read_results(path, ROW_FORMAT).rows.shape == ROWS.shape
 
 

@@ -50,8 +50,8 @@ def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario
 
     evaluated(ishigami)
     indices = {each.name: each for each in sobol_indices(scenario, "rmse", num_points=4096)}
-    known = {"a": (0.3139, 0.5576), "b": (0.4424, 0.4424), "c": (0.0, 0.2437), NOISE: (0.0, 0.0)}
-    for name, (first_order, total) in known.items():
+    expected = {"a": (0.3139, 0.5576), "b": (0.4424, 0.4424), "c": (0.0, 0.2437), NOISE: (0.0, 0.0)}
+    for name, (first_order, total) in expected.items():
         assert indices[name].first_order.value == pytest.approx(first_order, abs=0.01)
         assert indices[name].total.value == pytest.approx(total, abs=0.01)
         assert indices[name].total.low - 1e-9 <= total <= indices[name].total.high + 1e-9
@@ -60,11 +60,11 @@ def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario
 def test_the_noise_has_indices_like_a_single_parameter(scenario, evaluated):
     """The metric is the sum of a parameter and the noise. Each of them explains its own variance."""
     evaluated(lambda points, noise: 2.0 * points[:, 0] + noise)
-    first, second, *others = sobol_indices(scenario, "rmse", num_points=1024)
+    first, second, *other_indices = sobol_indices(scenario, "rmse", num_points=1024)
     assert (first.name, second.name) == ("a", NOISE)
     assert first.total.value == pytest.approx(0.8, abs=0.01)
     assert second.total.value == pytest.approx(0.2, abs=0.01)
-    assert all(abs(each.total.value) < 1e-9 for each in others)
+    assert all(abs(each.total.value) < 1e-9 for each in other_indices)
 
 
 def test_sobol_indices_of_other_metrics_than_crashed_are_refused_if_a_flight_crashes(scenario, evaluated):

@@ -105,9 +105,11 @@ def test_the_interval_of_a_rank_correlation_is_bonett_and_wright_s():
     y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
     x = np.arange(1.0, 11.0)
     rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
-    reach = 1.959964 * math.sqrt((1.0 + rho**2 / 2.0) / 7.0)
+    half_width = 1.959964 * math.sqrt((1.0 + rho**2 / 2.0) / 7.0)
     found = rank_correlation(np.exp(x), y)
-    assert found == pytest.approx((rho, math.tanh(math.atanh(rho) - reach), math.tanh(math.atanh(rho) + reach)))
+    assert found == pytest.approx(
+        (rho, math.tanh(math.atanh(rho) - half_width), math.tanh(math.atanh(rho) + half_width))
+    )
     assert math.isnan(rank_correlation(np.ones(10), np.arange(10.0)).value)
     for sign in (1.0, -1.0):
         found = rank_correlation(np.arange(10.0), sign * np.exp(np.arange(10.0)))
@@ -199,11 +201,11 @@ def test_the_mean_of_values_with_an_infinite_value_is_infinite_and_has_no_interv
             np.testing.assert_allclose(some[:2], expected)
             assert np.isnan(some[2:]).all()
         scenario = load_scenario("figure_eight", {"metrics.additional": {"settled": {"kind": "settling_time"}}})
-        one, other = (
+        metrics, other_metrics = (
             scenario.metrics_type(*[each] * (len(scenario.metrics_type._fields) - 1), np.full(5, math.inf))
             for each in (values, np.array([2.0, 6.0, math.inf, 1.0, 1.0]))
         )
-        comparison = compare(one, other, "settled")
+        comparison = compare(metrics, other_metrics, "settled")
     assert math.isnan(comparison.difference.value)
     assert comparison.better == proportion_interval(1, 5)
 
@@ -236,8 +238,10 @@ def test_intervals_have_the_given_confidence():
     assert proportion_interval(0, 100, 0.8).high == pytest.approx(1.0 - 0.1**0.01)
     low, high = rank_correlation(np.arange(40), values, 0.8)[1:]
     rho = scipy.stats.spearmanr(np.arange(40), values).statistic
-    reach = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
-    assert (math.atanh(low), math.atanh(high)) == pytest.approx((math.atanh(rho) - reach, math.atanh(rho) + reach))
+    half_width = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
+    assert (math.atanh(low), math.atanh(high)) == pytest.approx(
+        (math.atanh(rho) - half_width, math.atanh(rho) + half_width)
+    )
 
 
 def test_influences_exclude_crashed_flights():

@@ -127,17 +127,17 @@ def test_a_study_with_a_different_system_is_a_different_study(hover, tmp_path, n
 
 
 def test_a_folder_with_another_scenario_is_refused(hover, tmp_path):
-    other = hover.model_copy(update={"seed": 3})
-    save_scenario(other, tmp_path / "scenario.yaml")
+    other_scenario = hover.model_copy(update={"seed": 3})
+    save_scenario(other_scenario, tmp_path / "scenario.yaml")
     words = r"scenario\.yaml is a different scenario and is not overwritten; choose another folder"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False),
     ):
         pass
-    with open_study(tmp_path, other, 3, 2.0, UserSystems(), resume=False):
+    with open_study(tmp_path, other_scenario, 3, 2.0, UserSystems(), resume=False):
         pass
-    assert read_study(tmp_path).scenario == other
+    assert read_study(tmp_path).scenario == other_scenario
 
 
 def test_scenario_and_record_are_written_before_the_first_row(hover, tmp_path, monkeypatch):
@@ -176,7 +176,7 @@ def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "now", "words"),
+    ("old_value", "new_value", "words"),
     [
         ({"a": 1, "b": [1, 2]}, {"a": 1, "b": [1, 2]}, None),
         ({"a": 1, "b": 2}, {"a": 1, "b": 3}, "its b is 2, not 3"),
@@ -188,8 +188,8 @@ def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
         ({"a": {"b": 1}}, {"a": 1}, "its a is {'b': 1}, not 1"),
     ],
 )
-def test_the_first_difference_is_named_by_its_path(before, now, words):
-    assert _difference(before, now) == words
+def test_the_first_difference_is_named_by_its_path(old_value, new_value, words):
+    assert _difference(old_value, new_value) == words
 
 
 def test_the_record_of_a_study_lists_each_kind_of_flown_diagram_once(hover, tmp_path):

@@ -57,7 +57,7 @@ def test_a_study_counts_crashes_into_each_obstacle():
     metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
     study = Study.from_rows(scenario, 0.1, study_rows(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
     assert study.crashes_by_obstacle == {"near": 0, "far": 2}
-    assert [study.hit_obstacle_name(place) for place in range(4)] == [None, "far", None, "far"]
+    assert [study.hit_obstacle_name(index) for index in range(4)] == [None, "far", None, "far"]
     frame = study.to_frame()
     assert ["sample", *frame.columns] == study_columns(scenario)
     assert frame["obstacle"].isna().tolist() == [True, False, True, False]
@@ -75,9 +75,9 @@ def test_the_obstacles_of_crashes_are_saved(tmp_path):
     scenario = load_scenario("hover", {**changed, "vehicle.linear_drag": {"uniform": {"min": 0.0, "max": 1.0}}})
     study = run_monte_carlo(scenario, 6, folder=tmp_path / "study", num_workers=1)
     assert 0 < study.crashes_by_obstacle["pillar"] < 6
-    again = read_study(tmp_path / "study")
-    np.testing.assert_array_equal(again.obstacle_hit, study.obstacle_hit)
-    np.testing.assert_array_equal(again.obstacle_hit > 0, again.metrics.crashed)
+    loaded_study = read_study(tmp_path / "study")
+    np.testing.assert_array_equal(loaded_study.obstacle_hit, study.obstacle_hit)
+    np.testing.assert_array_equal(loaded_study.obstacle_hit > 0, loaded_study.metrics.crashed)
 
 
 def test_a_pandas_table_has_units_and_attributes(study):
@@ -93,9 +93,9 @@ def test_a_pandas_table_has_units_and_attributes(study):
 
 def test_a_pandas_table_read_from_parquet_is_unchanged(study, tmp_path):
     path = study.to_parquet(tmp_path / "results.parquet")
-    frame, again = study.to_frame(), pd.read_parquet(path)
-    pd.testing.assert_frame_equal(again, frame)
-    assert again.attrs == frame.attrs
+    frame, loaded_frame = study.to_frame(), pd.read_parquet(path)
+    pd.testing.assert_frame_equal(loaded_frame, frame)
+    assert loaded_frame.attrs == frame.attrs
     assert [each.name for each in tmp_path.iterdir()] == ["results.parquet"]
 
 

@@ -100,9 +100,9 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
     for label, mean, deviation, *quantiles, unit in summary.rows:
         name = names[label]
         assert (unit == "cm") == (name in errors)
-        kept = rows[name][2:]
+        cells = rows[name][2:]
         assert mean == metric_mean(found.metrics, name).text(size=sizes[unit])
-        assert float(deviation) == pytest.approx(kept.std(ddof=1) / sizes[unit], rel=0.05)
+        assert float(deviation) == pytest.approx(cells.std(ddof=1) / sizes[unit], rel=0.05)
         every = np.where(found.metrics.crashed, math.inf, rows[name])
         for text, fraction in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
             assert text == without_negative_part(quantile_interval(every, fraction)).text(
@@ -114,8 +114,8 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
 def test_fractions_in_a_comparison_are_not_negative_and_crashes_have_a_p_value(count, crashed):
     pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
     summary = comparison_table(pairs, "rmse")
-    ((name, difference, fraction, better, num_pairs, alone, significance),) = summary.rows
-    assert (name, num_pairs, alone) == ("other", f"{count - crashed}", f"{crashed} : 0")
+    ((name, difference, fraction, better, num_pairs, crashes_of_one, significance),) = summary.rows
+    assert (name, num_pairs, crashes_of_one) == ("other", f"{count - crashed}", f"{crashed} : 0")
     assert ("p = " in significance) == (crashed > 0)
     assert "-" not in fraction + better
     assert len(summary.remarks) == (crashed > 0)
@@ -132,19 +132,19 @@ def thrown(settling_time, recovers, crashed):
 
 
 def test_an_overview_has_crashes_requirements_and_medians_of_additional_metrics_for_each_controller():
-    late = [math.inf, math.inf, 4.0, math.inf]
+    late_times = [math.inf, math.inf, 4.0, math.inf]
     studies = {
         "good": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 0),
-        "late": thrown(late, [-0.1, 0.1, 0.1, -0.2], 0),
+        "late": thrown(late_times, [-0.1, 0.1, 0.1, -0.2], 0),
         "crashing": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 3),
     }
     summary = overview_table(studies)
     assert summary.headings[:4] == ("", "crashed", "recovers", "median settling time (s)")
     assert summary.headings[4:] == ("median overshoot (cm)", "median largest tilt (°)")
-    good, late, crashing = summary.rows
+    good, late_times, crashing = summary.rows
     assert good[:4] == ("good", proportion_interval(0, 4).percent(), proportion_interval(4, 4).percent(), "3.00")
     assert good[4:] == ("100", "57.3")
-    assert late[2:4] == (proportion_interval(2, 4).percent(), "∞")
+    assert late_times[2:4] == (proportion_interval(2, 4).percent(), "∞")
     assert crashing[2:4] == (proportion_interval(1, 4).percent(), "crash")
 
 
@@ -192,13 +192,15 @@ def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
 
 def test_each_metric_has_a_suitable_interval():
     metrics = study(30, 5).metrics
-    kept = ~metrics.crashed
-    assert metric_mean(metrics, "saturated_fraction") == bounded_mean_interval(metrics.saturated_fraction[kept])
-    assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[kept]))
+    has_not_crashed = ~metrics.crashed
+    assert metric_mean(metrics, "saturated_fraction") == bounded_mean_interval(
+        metrics.saturated_fraction[has_not_crashed]
+    )
+    assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[has_not_crashed]))
 
 
-def crashing(numbers, crashed, **more):
-    found = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **more})
+def crashing(numbers, crashed, **parameters):
+    found = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **parameters})
     times = np.where(crashed, 1.0, math.inf)
     return Study(found.scenario, 10.0, found.samples, found.parameters, found.metrics._replace(crash_time=times))
 
@@ -254,11 +256,14 @@ def test_a_parameter_that_is_not_drawn_has_no_crash_bins():
 def test_the_most_influential_parameter_is_chosen_from_those_that_are_random_in_every_study():
     rng = np.random.default_rng(4)
     mass, drag = rng.permutation(100) / 100.0, rng.permutation(100) / 100.0
-    light, draggy = mass < 0.3, drag > 0.7
-    both = {"vehicle.linear_drag": drag}
-    assert most_influential_path([crashing(mass, light, **both)]) == "vehicle.mass"
-    assert most_influential_path([crashing(mass, draggy, **both)]) == "vehicle.linear_drag"
-    assert most_influential_path([crashing(mass, draggy, **both), crashing(mass, draggy)]) == "vehicle.mass"
+    is_light, has_large_drag = mass < 0.3, drag > 0.7
+    second_parameter = {"vehicle.linear_drag": drag}
+    assert most_influential_path([crashing(mass, is_light, **second_parameter)]) == "vehicle.mass"
+    assert most_influential_path([crashing(mass, has_large_drag, **second_parameter)]) == "vehicle.linear_drag"
+    assert (
+        most_influential_path([crashing(mass, has_large_drag, **second_parameter), crashing(mass, has_large_drag)])
+        == "vehicle.mass"
+    )
     assert most_influential_path([study(10, 0)]) is None
 
 
@@ -276,17 +281,17 @@ def test_the_plot_shows_crash_bins_over_the_most_influential_parameter():
     line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
     np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])
     # The axis has the range of the drawn values, and the points of two controllers are next to each other.
-    least, most = min(level.low for level in levels), max(level.high for level in levels)
-    assert axes.get_xlim() == pytest.approx((least, most), abs=0.1 * (most - least))
+    low, high = min(level.low for level in levels), max(level.high for level in levels)
+    assert axes.get_xlim() == pytest.approx((low, high), abs=0.1 * (high - low))
     axes.get_figure().draw_without_rendering()
-    other = next(each for each in axes.lines if str(each.get_label()).startswith("indi: "))
-    shift = other.get_transform().transform((least, 0.0)) - line.get_transform().transform((least, 0.0))
+    other_points = next(each for each in axes.lines if str(each.get_label()).startswith("indi: "))
+    shift = other_points.get_transform().transform((low, 0.0)) - line.get_transform().transform((low, 0.0))
     assert shift == pytest.approx([3.0 * axes.get_figure().dpi / 72.0, 0.0])
     ends = np.concatenate([bars.get_segments() for bars in axes.collections])
     expected = [[(each.middle, each.probability.low), (each.middle, each.probability.high)] for each in levels]
     for bar in expected:
         assert np.abs(ends - bar).max(axis=(1, 2)).min() < 1e-12
-    (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
-    assert over_mass.get_xlabel() == "vehicle mass (kg)"
+    (mass_axes,) = plot_crash_probability(studies, "vehicle.mass").axes
+    assert mass_axes.get_xlabel() == "vehicle mass (kg)"
     with pytest.raises(InputError, match="no random parameter"):
         plot_crash_probability(study(3, 1, scenario="diagrams/hover.yaml"))

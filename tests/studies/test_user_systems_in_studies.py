@@ -114,8 +114,8 @@ def run(**options):
 @pytest.mark.long
 def test_a_user_s_controller_gives_each_sample_the_same_result_in_a_study_and_in_a_single_flight():
     found = run(position_controller=UserController)
-    alone = simulate(study(), seed=5, sample=6, position_controller=UserController(1)).metrics
-    np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)
+    single_metrics = simulate(study(), seed=5, sample=6, position_controller=UserController(1)).metrics
+    np.testing.assert_allclose([values[6] for values in found.metrics], single_metrics, rtol=1e-9)
     assert not found.failures
 
 
@@ -208,11 +208,11 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
         @staticmethod
         def monotonic():
             if file.exists():
-                Clock.late += 1000.0
+                Clock.offset += 1000.0
                 file.unlink()
-            return time.monotonic() + Clock.late
+            return time.monotonic() + Clock.offset
 
-        late = 0.0
+        offset = 0.0
 
     monkeypatch.setattr(workers_module, "time", Clock)
     monkeypatch.setattr(workers_module, "wait", lambda waitables, _: connection.wait(waitables, 0.05))

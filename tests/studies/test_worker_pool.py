@@ -24,9 +24,9 @@ class InProcessPool(WorkerPool):
     def __init__(self, capacity):
         self.capacity, self.in_transit, self.done = capacity, [], []
 
-    def submit(self, function, given):
+    def submit(self, function, argument):
         assert len(self.in_transit) < self.capacity
-        self.in_transit.append((function, given))
+        self.in_transit.append((function, argument))
 
     def next_outcomes(self):
         function, samples = self.in_transit.pop(0)
@@ -133,13 +133,13 @@ def test_the_reason_for_a_failure_is_shortened_to_one_line():
     assert outcome.reason.endswith("...")
 
 
-@pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
-def test_the_reason_for_a_failure_is_shortened_only_beyond_300_characters(length, shown):
+@pytest.mark.parametrize(("length", "expected_length"), [(288, 300), (289, 303)])
+def test_the_reason_for_a_failure_is_shortened_only_beyond_300_characters(length, expected_length):
     def complain(samples):
         raise ValueError("x" * length)
 
     outcome = run_task(complain, [0])
-    assert len(outcome.reason) == shown
+    assert len(outcome.reason) == expected_length
     assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
 
 
@@ -181,22 +181,22 @@ def test_a_dying_worker_of_an_executor_fails_its_task():
 
 
 def test_abandoned_tasks_of_an_executor_are_cancelled():
-    done, go, begun = [], threading.Event(), threading.Event()
+    done, may_end, has_begun = [], threading.Event(), threading.Event()
 
-    def wait_and_tell(given):
-        begun.set()
-        go.wait(20.0)
-        done.append(given)
-        return given
+    def wait_and_tell(argument):
+        has_begun.set()
+        may_end.wait(20.0)
+        done.append(argument)
+        return argument
 
     with ThreadPoolExecutor(1) as executor:
         pool = ExecutorPool(executor, 1)
         pool.submit(wait_and_tell, 1)
-        assert begun.wait(20.0)
+        assert has_begun.wait(20.0)
         pool.submit(wait_and_tell, 2)
         pool.abandon()
         pool.submit(wait_and_tell, 3)
-        go.set()
+        may_end.set()
         (outcome,) = pool.next_outcomes()
         assert (outcome.argument, outcome.result) == (3, 3)
     assert done == [1, 3]

@@ -18,7 +18,7 @@ from drake_quad.framework.records import ROW, layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import Attitude, AttitudeTarget
-from drake_quad.vehicle.attitude_kinematics import RotationSince
+from drake_quad.vehicle.attitude_kinematics import IntegratedQuaternion
 from drake_quad.vehicle.attitude_response import (
     AttitudeResponse,
     AttitudeResponseConfig,
@@ -139,7 +139,7 @@ def test_the_angles_at_the_end_of_a_step_represent_the_rotated_attitude(max_angl
     """The test covers floats, arrays and compiled code, arbitrary attitudes, and rotations of different sizes."""
 
     def attitude_after(roll, pitch, yaw, w, x, y, z):
-        return RotationSince.of(Attitude(roll, pitch, yaw)).attitude(Quaternion(w, x, y, z))
+        return IntegratedQuaternion.of(Attitude(roll, pitch, yaw)).attitude(Quaternion(w, x, y, z))
 
     rng = np.random.default_rng(3)
     initial_angles = rng.uniform([-math.pi, -0.5 * math.pi, -7.0], [math.pi, 0.5 * math.pi, 7.0], (500, 3))

@@ -74,7 +74,7 @@ def test_the_magnetometer_yields_the_heading_for_any_tilt_and_declination():
 
 
 def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
-    """Readings lie on an ellipsoid around the hard-iron error. The motors add an error proportional to their torques."""
+    """Readings lie on an ellipsoid around the hard-iron error. The motors add an error in proportion to torque."""
     iron = [0.1, -0.05, 0.02, 0.03, -0.04, 0.06]
     hard = np.array([1e-5, -2e-5, 3e-5])
     parameters = parameters_of("magnetometer", soft_iron=iron, hard_iron=[*hard], motor_interference=[1e-4, 0.0, 2e-4])
@@ -180,11 +180,11 @@ def test_optical_flow_is_the_velocity_divided_by_the_height():
 
 
 def test_a_camera_on_a_lever_arm_measures_flow_if_the_vehicle_turns_in_place():
-    """A camera in front of the yaw axis moves sideways at the yaw rate times its distance. One on the axis is at rest."""
-    turning = HOVER._replace(r=0.8, yaw=2.0)
-    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning)
+    """A camera in front of the yaw axis moves sideways, at the yaw rate times its distance from the axis."""
+    turning_state = HOVER._replace(r=0.8, yaw=2.0)
+    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning_state)
     np.testing.assert_allclose([x, y], [0.0, 0.3 * 0.8 / 1.5], atol=1e-12)
-    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, turning)
+    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, turning_state)
     assert (x, y) == (0.0, 0.0)
 
 
