@@ -23,7 +23,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad import Scenario, load_scenario
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
@@ -74,7 +74,7 @@ _COMPARED_CONTROLLERS: dict[str, tuple[Path, list[str]]] = {
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/benchmark.py --quick")
+    options = parser_without_options(__doc__, "python scripts/benchmark.py --quick")
     options.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
     quick = options.parse_args().quick
     repetitions = 5 if quick else 15

@@ -24,7 +24,7 @@ from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
 from drake_quad.scenario.winds.source import WindSurroundings as WindSurroundings
 from drake_quad.signals import AttitudeTarget, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.authority import missing_direction
+from drake_quad.vehicle.authority import explain_missing_wrench
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -155,7 +155,7 @@ def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMot
     }
     parameters = vehicle_parameters(fleet.vehicle)
     # A layout with paired rotors can produce every torque for all values of its parameters.
-    if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
+    if not vehicle.layout.is_paired and (missing := explain_missing_wrench(parameters.rotors)):
         raise InputError(f"vehicle.layout cannot produce {missing} in some of the samples; narrow its distributions")
     config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
     return fleet.laboratory.autopilot.vehicle_recipe(structure, config)

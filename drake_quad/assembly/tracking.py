@@ -78,7 +78,7 @@ def build_fleet_diagram(
     samples = exported or (None if drake_random else batch.noise_samples)
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem(
-        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.ahead())
+        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.preview_times())
     )
     control = user_systems.control
     if control is None:

@@ -14,7 +14,7 @@ from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
     add_wired,
-    bare_parser,
+    parser_without_options,
     check_ranges,
     controlled_scenarios,
 )
@@ -37,7 +37,7 @@ _DEFAULT_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad compare --scenario outdoor --samples 50")
+    result = parser_without_options(__doc__, "drake-quad compare --scenario outdoor --samples 50")
     result.add_argument(
         "--scenario",
         action="append",

@@ -13,7 +13,7 @@ from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
-    bare_parser,
+    parser_without_options,
     check_ranges,
     overrides_from_arguments,
     resolve_output_folder,
@@ -47,7 +47,7 @@ _STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95th percentile"}
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(
+    result = parser_without_options(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
     result.add_argument("log", metavar="LOG", type=Path, help="flight log, in any format that `read_log` reads")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.command_line.options import add_vector, bare_parser, check_ranges
+from drake_quad.command_line.options import add_vector, parser_without_options, check_ranges
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder
@@ -33,7 +33,7 @@ _MAX_SQUARED_INNOVATION = 2.0  # mean above which a filter is inconsistent; the 
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad estimate flight.csv --skip 9 --on-board nanobench_onboard")
+    result = parser_without_options(__doc__, "drake-quad estimate flight.csv --skip 9 --on-board nanobench_onboard")
     result.add_argument("log", nargs="+", type=Path, help="flight logs")
     result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped mapping")
     result.add_argument(

@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.default_outputs import Origin, reserve
-from drake_quad.command_line.options import add_vector, bare_parser, parse_overrides
+from drake_quad.command_line.options import add_vector, parser_without_options, parse_overrides
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
@@ -43,7 +43,7 @@ _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of e
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
+    result = parser_without_options(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
     result.add_argument(
         "log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format that `read_log` reads"
     )
@@ -96,7 +96,7 @@ def main(arguments: argparse.Namespace) -> None:
     predictions = predict_held_out(records, identification, base)
     print("RMS errors of open-loop predictions of held-out flight, by a vehicle identified from the training set")
     print_predictions(predictions)
-    losses = predictions.losses("identified")
+    losses = predictions.remark_on_worse_predictions("identified")
     if losses:
         remark(losses)
     assignments = [override.assignment for override in overrides]

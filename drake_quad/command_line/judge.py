@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from drake_quad import InputError
-from drake_quad.command_line.options import add_controller, bare_parser, check_ranges, named_controllers
+from drake_quad.command_line.options import add_controller, parser_without_options, check_ranges, named_controllers
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
@@ -33,7 +33,7 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
+    result = parser_without_options(__doc__, "drake-quad judge --quick --family outdoor")
     result.add_argument(
         "--family",
         action="append",

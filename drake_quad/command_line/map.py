@@ -194,7 +194,7 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
             raise InputError(
                 f"--worst {field} must change a field of vehicle or laboratory; use --set for other fields"
             )
-    return scenario_from_arguments(arguments, further=parse_overrides(worst, "--worst"))
+    return scenario_from_arguments(arguments, extra_overrides=parse_overrides(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:

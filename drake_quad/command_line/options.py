@@ -25,7 +25,7 @@ from drake_quad.user_code import describe_error
 from drake_quad.visualization.style import Vector
 
 
-def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
+def parser_without_options(description: str | None, example: str) -> argparse.ArgumentParser:
     """Return a parser without options.
 
     Args:
@@ -54,7 +54,7 @@ def parser(
         output: folder in which the default output folder is created. The latter is named after the scenario.
         scenario: name of the default scenario.
     """
-    result = bare_parser(description, example)
+    result = parser_without_options(description, example)
     help_text = "FILE or FILE:NAME, or the name of a shipped scenario (default: %(default)s)"
     result.add_argument("scenario", nargs="?", default=scenario, help=help_text)
     add_overrides(result)
@@ -378,14 +378,14 @@ def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedCon
 def scenario_from_arguments(
     arguments: argparse.Namespace,
     *,
-    further: Sequence[Override] = (),
+    extra_overrides: Sequence[Override] = (),
     load: Callable[..., Scenario] = load_scenario,
 ) -> Scenario:
     """Load the scenario that the arguments name, with the controller of `--controller` and all overrides.
 
     Args:
         arguments: arguments of the command.
-        further: overrides in addition to the overrides in the arguments.
+        extra_overrides: overrides in addition to the overrides in the arguments.
         load: function that loads the scenario.
     """
     spec = getattr(arguments, "controller", None)
@@ -394,8 +394,8 @@ def scenario_from_arguments(
         raise InputError(f"--on {machine} needs --controller FOLDER, with a folder that `drake-quad export` wrote")
     controller = NamedController("") if not spec else parse_controller(spec, arguments.scenario, machine)
     own_overrides = overrides_from_arguments(arguments)
-    scenario = controller.load(arguments.scenario, [*own_overrides, *further], load)
-    if spec and not further:
+    scenario = controller.load(arguments.scenario, [*own_overrides, *extra_overrides], load)
+    if spec and not extra_overrides:
         remark_replaced_distributions(f"--controller {spec}", arguments.scenario, scenario, own_overrides)
     return scenario
 

@@ -103,7 +103,7 @@ def print_predictions(predictions: "Predictions") -> None:
         for horizon in predictions.horizons if quantity in predictions.errors else ():
             if predictions.starts(horizon):
                 errors = [predictions.rmse(quantity, name, horizon).text(size=1.0 / size) for name in names]
-                errors.append(predictions.better(quantity, first, second, horizon).text(size=0.01))
+                errors.append(predictions.error_reduction(quantity, first, second, horizon).text(size=0.01))
                 rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
     print_columns(("", "horizon", *names, f"improvement over {second} (%)", "unit"), rows)
 

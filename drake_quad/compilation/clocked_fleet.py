@@ -57,7 +57,7 @@ class Initializer:
         state, parameters = program.read(context)
         for event in self._events:
             table = program.table(event.shared, np.zeros((1, event.instants + 1)))
-            log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
+            log = np.empty((1, event.loop.num_logged, event.loop.padded_num_vehicles(n)))
             event.loop.run(state, parameters, np.zeros(program.sizes.inputs * n), table, log, n)
         return InitialValues(state.reshape(-1, n).T, parameters.reshape(-1, n).T, log[0, :, :n].T)
 

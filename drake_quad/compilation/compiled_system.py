@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program
 from drake_quad.compilation.topology import ExportedPort, Port
-from drake_quad.compilation.trace import ROUNDING
+from drake_quad.compilation.trace import PERIOD_TOLERANCE
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
@@ -81,7 +81,7 @@ class CompiledSystem(LeafSystem):
         is_alone = not program.row_ranges.inputs
         events, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
-            events = program.strides(ports, self._instants)
+            events = program.multi_instant_events(ports, self._instants)
         if events is None:
             self._declare_instants()
         else:
@@ -203,7 +203,7 @@ class CompiledSystem(LeafSystem):
 
         def check(context: Context, values: Any) -> None:
             begin = context.get_time() / (period * ticks)
-            if abs(begin - round(begin)) > ROUNDING:
+            if abs(begin - round(begin)) > PERIOD_TOLERANCE:
                 raise InputError(
                     f"a simulation cannot begin at {context.get_time():g} s, since an event simulates {ticks} ticks and"
                     f" events are {period * ticks:g} s apart; compile the diagram with ticks=None"
@@ -244,7 +244,7 @@ class CompiledSystem(LeafSystem):
     def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
         """Run consecutive events with a table (events, width) of shared values, and return their logs."""
         n = self.program.num_vehicles
-        log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
+        log = np.empty((len(shared), event.loop.num_logged, event.loop.padded_num_vehicles(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()
         event.loop.run(state, parameters, self._input_rows(event.inputs, context), shared, log, n)
         return log

@@ -70,7 +70,7 @@ class Loop:
             ]
         )
 
-    def padded(self, num_vehicles: int) -> int:
+    def padded_num_vehicles(self, num_vehicles: int) -> int:
         """Return the number of columns in a log: the number of vehicles, rounded up to whole SIMD vectors."""
         return -(-num_vehicles // self._lanes) * self._lanes
 

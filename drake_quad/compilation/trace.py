@@ -18,7 +18,7 @@ Rows = list[Any]
 # Numbers of the groups of rows that a listing reads: state, parameters and external inputs.
 STATE, PARAMETERS, INPUTS = range(3)
 # Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
-ROUNDING = 1e-9
+PERIOD_TOLERANCE = 1e-9
 
 
 class RowRanges(NamedTuple):
@@ -122,7 +122,7 @@ class Trace:
         the position is a constant. The two ticks of a pair then use one shared value, the number of the pair.
         """
         step = round(ticks.period / self._base)
-        on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
+        on_grid = step > 0 and abs(ticks.period / self._base - step) < PERIOD_TOLERANCE
         if on_grid and self._instants % (2 * step) == 0 and self.instant % step == 0:
             pair, position = divmod(self.instant // step, 2)
             return Tick(untyped(self.listing.shared(self._shared.column(pair * 2 * step, ticks))), position == 1)

@@ -381,7 +381,7 @@ def flight_conditions(scenario: Scenario) -> Conditions:
             disturbance_statistics(z, disturbed.step),
         )
     )
-    bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
+    bias = gravity * float(np.sqrt((disturbed.angular_acceleration**2).mean()))
     if scenario.laboratory.autopilot.models_vehicle:
         bias = 0.0  # an identified attitude response describes the whole angular motion
     return Conditions(

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.compilation.blocks import Block, BlockUpdate, find_block, reason_not_compilable
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
-from drake_quad.compilation.trace import ROUNDING
+from drake_quad.compilation.trace import PERIOD_TOLERANCE
 from drake_quad.errors import InputError
 from drake_quad.export.formula_functions import FormulaFunction, FormulaFunctions
 from drake_quad.export.structs import Structs, accessors, initializer, summary
@@ -92,7 +92,7 @@ class _BlockView(NamedTuple):
         path: path of the system.
     """
 
-    step: "Step"
+    step: "StepCode"
     path: str
 
     def required_input(self, index: int) -> list[_Row]:
@@ -113,7 +113,7 @@ class _BlockView(NamedTuple):
         raise InputError(f"{self.path} cannot be exported: its output is a given trajectory over time")
 
 
-class Step:
+class StepCode:
     """Statements of the C function that advances a diagram by one period.
 
     Args:
@@ -233,7 +233,7 @@ class Step:
             InputError: if the period is not a multiple of the step.
         """
         steps = round(period / self.period)
-        if abs(period / self.period - steps) > ROUNDING:
+        if abs(period / self.period - steps) > PERIOD_TOLERANCE:
             raise InputError(f"{label} cannot be exported: {period:g} s is not a multiple of {self.period:g} s")
         return steps
 

@@ -31,7 +31,7 @@ class FleetSimulation(ABC):
 
     Args:
         diagram: diagram to simulate.
-        stride: simulated time between two checks for crashes, s.
+        check_interval: simulated time between two checks for crashes, s.
         jumps: times at which the forces on the vehicles are discontinuous, s; see `jump_times`.
 
     Attributes:
@@ -41,8 +41,8 @@ class FleetSimulation(ABC):
 
     compiled: bool
 
-    def __init__(self, diagram: Diagram, stride: float, jumps: Sequence[float] = ()) -> None:
-        self.simulator, self._stride, self._jumps = Simulator(diagram), stride, jumps
+    def __init__(self, diagram: Diagram, check_interval: float, jumps: Sequence[float] = ()) -> None:
+        self.simulator, self._check_interval, self._jumps = Simulator(diagram), check_interval, jumps
 
     def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
         """Simulate from time zero to a duration, or until every vehicle has crashed.
@@ -51,7 +51,7 @@ class FleetSimulation(ABC):
             duration: duration of the flight, s.
             progress: function that is called repeatedly with the simulated time and the duration, s.
         """
-        fly(self.simulator, duration, stride=self._stride, jumps=self._jumps, progress=progress)
+        fly(self.simulator, duration, check_interval=self._check_interval, jumps=self._jumps, progress=progress)
 
     @abstractmethod
     def reset(self, batch: Batch) -> None:
@@ -193,7 +193,7 @@ def fly(
     simulator: Simulator,
     duration: float,
     *,
-    stride: float = _CHECK_INTERVAL,
+    check_interval: float = _CHECK_INTERVAL,
     jumps: Sequence[float] = (),
     progress: Callable[[float, float], None] | None = None,
 ) -> None:
@@ -202,7 +202,7 @@ def fly(
     Args:
         simulator: simulator of the diagram.
         duration: duration of the flight, s.
-        stride: simulated time between two checks for crashes, after each of which progress is reported, s.
+        check_interval: simulated time between two checks for crashes, after each of which progress is reported, s.
         jumps: times at which the forces on vehicles with a continuous state are discontinuous, s; see `jump_times`.
         progress: function that is called after each check with the simulated time and the duration, s.
     """
@@ -213,7 +213,7 @@ def fly(
     stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():
-        time = min(time + stride, duration, *[stop for stop in stops if stop > time])
+        time = min(time + check_interval, duration, *[stop for stop in stops if stop > time])
         simulator.AdvanceTo(time)
         if progress is not None:
             progress(time, duration)

@@ -158,7 +158,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = spaces.Box(-1.0, 1.0, (rows["action"],), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._hovering = np.array(control.action.hovering(nominal_parameters(self.scenario)))
+        self._hovering = np.array(control.action.hover_action(nominal_parameters(self.scenario)))
         self._last_action = np.tile(self._hovering, (num_envs, 1))
         self._last_metrics = {name: np.zeros(num_envs) for name in self._metrics}
         self._all = np.arange(num_envs)

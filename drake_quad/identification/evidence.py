@@ -33,12 +33,12 @@ class Uncertainty(NamedTuple):
     Attributes:
         covariance: (p, p) covariance of the errors.
         degrees_of_freedom: (p,) degrees of freedom of the Student's t-distribution that each error follows.
-        model: (p, p) covariance that the errors would have if the model and the noise were correct.
+        model_covariance: (p, p) covariance that the errors would have if the model and the noise were correct.
     """
 
     covariance: np.ndarray
     degrees_of_freedom: np.ndarray
-    model: np.ndarray
+    model_covariance: np.ndarray
 
 
 class Evidence(NamedTuple):
@@ -66,7 +66,7 @@ def jackknife(
 ) -> Uncertainty:
     """Return the uncertainty of p parameters, estimated by the jackknife over B blocks.
 
-    Each variance is at least the corresponding variance in `Uncertainty.model`, and each parameter has at least one
+    Each variance is at least the corresponding variance in `Uncertainty.model_covariance`, and each parameter has at least one
     degree of freedom.
 
     Args:

@@ -205,7 +205,7 @@ def _with_smaller_disturbance(
     best, likelihood, smaller = point.gains, point.likelihood, None
     while is_reducible(best.noise):
         smaller = predictor.gains(point.values, reduced(best.noise))
-        whitened = (smaller.whitening @ smaller.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
+        whitened = (smaller.whitening @ smaller.errors.transpose(0, 2, 1)[..., None])[predictor.evaluated]
         smaller_likelihood = _likelihood(predictor, smaller, whitened)
         if smaller_likelihood <= likelihood:
             break
@@ -221,7 +221,7 @@ def _with_smaller_disturbance(
 
 def _likelihood(predictor: Predictor, gains: Gains, whitened: np.ndarray) -> float:
     """Return the log-likelihood of the measurements up to a constant, given their whitened errors."""
-    factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
+    factors = np.diagonal(gains.whitening[predictor.evaluated], axis1=-2, axis2=-1)
     return float(np.log(factors).sum() - 0.5 * np.sum(whitened**2))
 
 
@@ -283,8 +283,8 @@ class _Point(NamedTuple):
         # The model may diverge for parameters that the search tries. The search rejects values that are not finite.
         with np.errstate(over="ignore", invalid="ignore"):
             errors, states = predictor.errors(points, gains)
-            counted = predictor.counted
-            whitened = (gains.whitening[counted] @ errors[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)
+            evaluated = predictor.evaluated
+            whitened = (gains.whitening[evaluated] @ errors[evaluated].transpose(0, 3, 1, 2)).swapaxes(0, 1)
             whitened = whitened.reshape(len(whitened), -1, len(points))
             return cls(
                 values,
@@ -413,7 +413,7 @@ def _noise_of(predictor: Predictor, gains: Gains, chosen: np.ndarray | None = No
     """
     noise, groups = gains.noise, predictor.noise_groups
     _, group_rows = np.unique(groups, return_index=True)
-    num_counted = int(np.sum(predictor.counted))
+    num_counted = int(np.sum(predictor.evaluated))
     windows, m = len(predictor.windows), len(noise.measured)
     if chosen is None:
         chosen = np.linspace(0, windows - 1, min(windows, max(5, _MAX_NOISE_SAMPLES // num_counted))).astype(int)

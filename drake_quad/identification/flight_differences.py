@@ -126,7 +126,7 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
         # `gains.disturbance` is the prediction for the next sample, at which the varying force has decayed by the
         # factor `decay`. Dividing by this factor gives the varying force at this sample.
-        components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
+        components = [fitted.gains.disturbance[predictor.evaluated][:, estimated_rows.index(row)] for row in axis_rows]
         forces.append(components[0] / decay[axis] + components[1])
     return np.stack(forces).swapaxes(1, 2)
 

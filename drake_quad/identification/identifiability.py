@@ -60,7 +60,7 @@ def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
         )
 
 
-def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
+def imprecise_parameters(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
     """Return a reason for each parameter whose interval is wide or whose estimate is at a physical limit.
 
     Args:
@@ -95,7 +95,7 @@ def parameters_below_disturbance(
     columns = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
     if len(columns) < 3:
         return {}
-    positions = predictor.measured[predictor.counted][:, columns]
+    positions = predictor.measured[predictor.evaluated][:, columns]
     lag = max(1, round(_SPEED_WINDOW / predictor.period))
     speed = np.sqrt(np.mean((positions[lag:] - positions[:-lag]) ** 2, axis=(0, 2))) / (lag * predictor.period)
     force = float(scenario.vehicle.mass) * fitted.noise.force

@@ -28,7 +28,7 @@ from drake_quad.identification.forecast import forecast
 from drake_quad.identification.identifiability import (
     check_forecast,
     check_thrust,
-    not_identified,
+    imprecise_parameters,
     parameters_below_disturbance,
     undetermined_parameters,
     unexcited_parameters,
@@ -105,7 +105,7 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
         training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
         training = fit(logs.predictor(parameter_names(parameters), training_masks), parameters, noise)
         forecasts = forecast(
-            logs.predictor(parameter_names(parameters), held_out_masks, horizon=True), training.values, training.noise
+            logs.predictor(parameter_names(parameters), held_out_masks, for_forecast=True), training.values, training.noise
         )
         check_forecast(forecasts)
         start, noise = training.values, training.noise
@@ -168,7 +168,7 @@ def _result(
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     uncertainty = with_averaging_error(uncertainty, names, fitted.values, logs.averaging_period)
     remarks = [*_remarks(predictor, fitted, names), *steep_pitch_remarks(logs.records)]
-    unidentified = not_identified(parameters, fitted.values, uncertainty)
+    unidentified = imprecise_parameters(parameters, fitted.values, uncertainty)
     unidentified |= distorted_parameters(logs.records, parameters, fitted.noise)
     if {*names} <= {*unidentified, DELAY}:
         raise InputError(

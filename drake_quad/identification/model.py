@@ -283,7 +283,7 @@ def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
 
     The result is 1 if no voltage is logged, or if the rotors are commanded by speed.
     """
-    if record.battery_voltage is None or not model.throttles or model.voltage is None:
+    if record.battery_voltage is None or not model.takes_throttles or model.voltage is None:
         return np.ones(len(record.time))
     width = max(1, round(_VOLTAGE_WINDOW / record.period)) // 2 * 2 + 1
     padded = np.pad(record.battery_voltage, width // 2, mode="edge")
@@ -319,13 +319,13 @@ class LogModel:
         voltage: float | None = None,
     ) -> None:
         self.scenario, self.names, self.frame = scenario, tuple(names), frame
-        self.throttles = scenario.vehicle.motors.take_throttles
-        self.responds = scenario.laboratory.autopilot.models_vehicle
+        self.takes_throttles = scenario.vehicle.motors.take_throttles
+        self.has_attitude_response = scenario.laboratory.autopilot.models_vehicle
         self._delay, self.voltage = delay, voltage
         self._paths = {
             scenario_path(name): i for i, name in enumerate(names) if name != DELAY and name not in MISALIGNMENT
         }
-        command = layout_of(Throttle if self.throttles else RotorSpeed)
+        command = layout_of(Throttle if self.takes_throttles else RotorSpeed)
         model_parameters = self.physical_parameters(np.empty((1, len(names))) + 1.0)
         self.layout = layout_of(ModelParameters, model_parameters)
         body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
@@ -341,7 +341,7 @@ class LogModel:
     @property
     def command_signal(self) -> str:
         """Name of the signal that contains the commands of the rotors."""
-        return "motor_command" if self.throttles else "rotor_speed_command"
+        return "motor_command" if self.takes_throttles else "rotor_speed_command"
 
     @property
     def delay_index(self) -> int | None:
@@ -354,7 +354,7 @@ class LogModel:
             self.scenario, lambda path, value: parameters[:, self._paths[path]] if path in self._paths else value
         )
         response = None
-        if self.responds:
+        if self.has_attitude_response:
             autopilot = scenario.laboratory.autopilot
             frequency, damping = autopilot.natural_frequency, autopilot.damping
             response = AttitudeResponse(NaturalFrequencies(*frequency), DampingRatios(*damping))
@@ -378,7 +378,7 @@ class LogModel:
 
     def measured_state(self, state: np.ndarray) -> np.ndarray:
         """Return the states (12, S) that motion capture would measure, with the misalignment of the scenario."""
-        if self.responds:
+        if self.has_attitude_response:
             state = np.stack(state_from_body(AttitudeResponseBody(*state), small_rotation))
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
@@ -437,7 +437,7 @@ class WindowInputs(NamedTuple):
             voltage = relative_voltage(record, model)
             steps = np.diff(record.time, append=record.time[-1] + record.period)
             size = len(steps)
-            attitude = record.of("attitude_command") if model.responds else np.zeros((size, 3))
+            attitude = record.of("attitude_command") if model.has_attitude_response else np.zeros((size, 3))
             rows.append(np.hstack([record.of(model.command_signal), attitude]))
             winds.append(np.tile(default_wind, (size, 1)) if record.wind is None else record.wind)
             spans.append(np.column_stack([np.minimum(steps, 3.0 * split * period) / split, voltage]))

@@ -178,7 +178,7 @@ class Predictor:
         self.model, self.windows, self.sizes, self.outputs, self.split = model, windows, sizes, outputs, split
         self.inputs = WindowInputs.of(records, model, windows, sizes, split=split, max_delay=max_delay)
         offsets = np.arange(-sizes.settle, sizes.length)
-        self.counted = offsets >= 0
+        self.evaluated = offsets >= 0
         measured = [
             [
                 records[record].of(signal)[np.minimum(start + offsets, len(records[record].time) - 1), column]
@@ -337,24 +337,24 @@ class Predictor:
         _, _, _, covariance, continued = self.initial
         return np.where(continued[:, None, None], covariance, np.diag(variances[self.rows]))
 
-    def errors(self, parameters: np.ndarray, gains: Gains, *, keep: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def errors(self, parameters: np.ndarray, gains: Gains, *, return_state_at: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors for K sets of parameters, all with the same filter gains.
 
         Args:
             parameters: (K, p) parameters.
             gains: gains of the filter.
-            keep: index of a measurement. The returned state is the predicted state just before this measurement. By
+            return_state_at: index of a measurement. The returned state is the predicted state just before this measurement. By
                 default, it is the measurement at which the next window starts.
 
         Returns:
             (T, m, K, W) errors, and (NUM_BODY + NUM_DISTURBANCE, K, W) states.
         """
-        keep = self.sizes.length if keep is None else keep
+        return_state_at = self.sizes.length if return_state_at is None else return_state_at
         flight, state = self._begin(parameters)
         decay, errors = gains.noise.decay(self.period), np.empty((*self.measured.shape[:2], *state.shape[1:]))
         gains_of_windows = np.ascontiguousarray(gains.gain.transpose(0, 3, 1, 2))
         for j in range(len(self.measured)):
-            if j == keep:
+            if j == return_state_at:
                 kept_state = state.copy()
             errors[j] = self._errors(j, self._predicted(flight, state))
             # A matrix product for each window takes only a fraction of the time of `np.einsum`.
@@ -442,7 +442,7 @@ class Predictor:
         corrections = np.einsum("tnmw,tmw->twn", gains.gain[..., window_indices], filter_errors)[..., None]
         filter_errors = filter_errors.transpose(0, 2, 1)[..., None]
         disturbances = gains.disturbance[..., window_indices].transpose(0, 2, 1)[..., None]
-        count, first_counted = int(np.sum(self.counted)), len(self.counted) - int(np.sum(self.counted))
+        count, first_evaluated = int(np.sum(self.evaluated)), len(self.evaluated) - int(np.sum(self.evaluated))
         errors, covariances = np.empty((count, len(noises), W, m)), np.empty((count, len(noises), W, m, m))
         for j in range(len(self.measured)):
             output, transition = gains.output[j][window_indices], gains.transition[j][window_indices]
@@ -455,17 +455,17 @@ class Predictor:
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
             covariance = ratio_products * propagated_covariance + process_noise
-            counted = j - first_counted
-            if counted >= 0:
-                errors[counted, 0], covariances[counted, 0] = first_errors[..., 0], update.error_covariance
+            index = j - first_evaluated
+            if index >= 0:
+                errors[index, 0], covariances[index, 0] = first_errors[..., 0], update.error_covariance
             if others is not None:
                 disturbed = propagated + disturbances[j]
                 shifts, covariance_changes = others.step(
                     update, output, transition, first_errors, disturbed, propagated_covariance
                 )
-                if counted >= 0:
-                    errors[counted, 1:] = errors[counted, 0] - shifts
-                    covariances[counted, 1:] = covariances[counted, 0] + covariance_changes
+                if index >= 0:
+                    errors[index, 1:] = errors[index, 0] - shifts
+                    covariances[index, 1:] = covariances[index, 0] + covariance_changes
         return errors, covariances
 
 

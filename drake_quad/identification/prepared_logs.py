@@ -100,28 +100,28 @@ class PreparedLogs(NamedTuple):
         return {output.signal for output in self.outputs}
 
     @property
-    def poses(self) -> bool:
+    def has_poses(self) -> bool:
         """True if positions, attitudes or velocities are predicted."""
         return bool({"position", "attitude", "velocity"} & self.signals)
 
     def predictor(
-        self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
+        self, names: Sequence[str], flying: Sequence[np.ndarray], *, for_forecast: bool = False, delay: float = 0.0
     ) -> Predictor:
         """Return a predictor of the outputs, in windows in the usable parts of the records.
 
         Args:
             names: names of the parameters.
             flying: (n,) mask of the usable samples of each record.
-            horizon: True for the short windows of a forecast, False for the longer windows of a fit.
+            for_forecast: True for the short windows of a forecast, False for the longer windows of a fit.
             delay: delay if it is not a parameter, s.
 
         Raises:
             InputError: if the usable parts are too short.
         """
-        length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
+        length, settle = _POSE_WINDOW if self.has_poses else _IMU_WINDOW
         airborne_time = self.period * sum(int(usable.sum()) for usable in flying)
-        if horizon:
-            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, airborne_time / (2.0 * _MIN_WINDOWS))
+        if for_forecast:
+            length = min(_POSE_HORIZON if self.has_poses else _IMU_HORIZON, airborne_time / (2.0 * _MIN_WINDOWS))
             settle = min(settle, length)
         else:
             length = min(length, max(_MIN_WINDOW, airborne_time / (MIN_BLOCKS + 1)))
@@ -129,7 +129,7 @@ class PreparedLogs(NamedTuple):
         windows = split_into_windows(self.records, flying, sizes)
         if len(windows) < _MIN_WINDOWS:
             raise InputError(
-                f"{'the held-out part of the logs' if horizon else 'the flight in the logs'} contains only"
+                f"{'the held-out part of the logs' if for_forecast else 'the flight in the logs'} contains only"
                 f" {len(windows)} windows of {length + settle:.2g} s in the air; at least {_MIN_WINDOWS} are needed, so"
                 " use longer flights"
             )
@@ -147,7 +147,7 @@ class PreparedLogs(NamedTuple):
             delay: delay if it is not a parameter, s.
         """
         scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
-        frame: DisturbanceFrame = "world" if self.poses else "body"
+        frame: DisturbanceFrame = "world" if self.has_poses else "body"
         model = LogModel(scenario, names, frame=frame, delay=delay, voltage=self.voltage)
         split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
         max_delay = max(MAX_DELAY, delay) + self.period

@@ -193,5 +193,5 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
     return Uncertainty(
         uncertainty.covariance * np.outer(factors, factors),
         np.where(varies, long_blocks.degrees_of_freedom, uncertainty.degrees_of_freedom),
-        uncertainty.model,
+        uncertainty.model_covariance,
     )

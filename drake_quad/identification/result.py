@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.results.estimates import Estimates, quantile
-from drake_quad.identification.results.held_out import HeldOut
+from drake_quad.identification.results.held_out import HeldOutErrors
 from drake_quad.scenario.models import Scenario
 
 
@@ -102,6 +102,6 @@ class Identification:
     delay: EstimatedValue | None = None
     noise: PredictionNoise | None = None
     remarks: tuple[str, ...] = ()
-    held_out: Mapping[str, HeldOut] = field(default_factory=dict)
+    held_out: Mapping[str, HeldOutErrors] = field(default_factory=dict)
     training_vehicle: Scenario | None = None
     flights: tuple[FlightDifference, ...] = ()

@@ -48,26 +48,26 @@ class SyntheticFlights(NamedTuple):
 
     Attributes:
         scenario: FILE:NAME of the scenario in `diagrams/`.
-        seconds: time from one waypoint to the next, s.
+        leg_duration: time from one waypoint to the next, s.
         overrides: overrides of the scenario that set the condition and the distributions of the parameters.
-        nominal: overrides of the scenario that set the initial values of the identification.
+        initial_overrides: overrides of the scenario that set the initial values of the identification.
         samples_per_row: number of simulated samples from one row of the log to the next.
     """
 
     scenario: str
-    seconds: float
+    leg_duration: float
     overrides: tuple[str, ...]
-    nominal: tuple[str, ...] = ()
+    initial_overrides: tuple[str, ...] = ()
     samples_per_row: int = 1
 
     def simulated_scenario(self, diagrams: Path, further_overrides: Sequence[str] = ()) -> Scenario:
         """Return the scenario of the simulated flights."""
-        route = f"route={json.dumps(random_waypoint_route(self.seconds))}"
+        route = f"route={json.dumps(random_waypoint_route(self.leg_duration))}"
         return load_scenario(diagrams / self.scenario, [route, *self.overrides, *further_overrides])
 
     def initial_scenario(self, diagrams: Path) -> Scenario:
         """Return the initial scenario of the identification."""
-        return load_scenario(diagrams / self.scenario, self.nominal)
+        return load_scenario(diagrams / self.scenario, self.initial_overrides)
 
 
 class CheckedParameter(NamedTuple):

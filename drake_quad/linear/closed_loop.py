@@ -109,7 +109,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
         num_ticks=round(common / tick),
         inputs=["injection"],
         outputs=["injected"],
-        without=PASSIVE_SYSTEMS,
+        excluded_systems=PASSIVE_SYSTEMS,
     )
     return loop._replace(system=ticks[0] if len(ticks) == 1 else lifted(ticks))
 
@@ -171,9 +171,9 @@ def _by_newtons_method(
 
     The loop is None if the method does not converge.
     """
-    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS)
     for num_steps in range(_MAX_NEWTON_STEPS):
-        system, change = linearize(diagram, context, period=period, without=PASSIVE_SYSTEMS, **ports)
+        system, change = linearize(diagram, context, period=period, excluded_systems=PASSIVE_SYSTEMS, **ports)
         worst = int(np.argmax(np.abs(change)))
         if np.abs(change[worst]) < _EQUILIBRIUM_TOLERANCE:
             return ClosedLoop(diagram, context, system), num_steps, ""
@@ -279,7 +279,7 @@ def rotor_rows(states: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(states) if _ROTOR_SPEED in name]
 
 
-def wrench_of_rotors(resting: Scenario) -> np.ndarray:
+def rotor_speed_to_wrench_matrix(resting: Scenario) -> np.ndarray:
     """Return the matrix (4, 4) from changes of the rotor speeds to changes of scaled thrust and torques near hover.
 
     Raises:

@@ -39,12 +39,12 @@ class DisturbanceSamples(NamedTuple):
     Attributes:
         step: sampling period, s.
         acceleration: (3, times, N) along the axes of W, m/s².
-        turning: (2, times, N) disturbing angular accelerations of roll and pitch, rad/s².
+        angular_acceleration: (2, times, N) disturbing angular accelerations of roll and pitch, rad/s².
     """
 
     step: float
     acceleration: np.ndarray
-    turning: np.ndarray
+    angular_acceleration: np.ndarray
 
 
 class DisturbanceStatistics(NamedTuple):

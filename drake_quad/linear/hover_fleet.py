@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
-from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, common_period, rotor_rows, wrench_of_rotors
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, common_period, rotor_rows, rotor_speed_to_wrench_matrix
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import initialize_without_events, settle, tick_after
 from drake_quad.process_settings import single_threaded_blas
@@ -56,7 +56,7 @@ class HoverFleet:
         self.states: tuple[str, ...] = ()
         self.period = common_period(resting)
         self._plan, self.user_systems = plan_route(resting), user_systems
-        self._pattern = wrench_of_rotors(resting)
+        self._pattern = rotor_speed_to_wrench_matrix(resting)
 
     def __call__(self, values: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
         """Return the system matrices (N, n, n) of the loops, NaN for loops without an equilibrium near hover.
@@ -130,7 +130,7 @@ class _PeriodMap:
 
     def __init__(self, diagram: Diagram, num_vehicles: int, period: float) -> None:
         self._diagram, self._context = diagram, diagram.CreateDefaultContext()
-        self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+        self._layout = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS)
         self._order = self._layout.vehicle_rows(num_vehicles)
         self.initial = self._read(diagram, self._context)
         settle(diagram, self._context, period)

@@ -225,7 +225,7 @@ def linearize(
     period: float,
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
-    without: Sequence[str] = (),
+    excluded_systems: Sequence[str] = (),
 ) -> tuple[SampledSystem, np.ndarray]:
     """Linearise a diagram's map over a period, and return the linear system and the state change over a period.
 
@@ -236,7 +236,7 @@ def linearize(
         period: multiple of the periods of all events, s.
         inputs: names of the input ports that make up u, all fixed in the context.
         outputs: names of the output ports that make up y.
-        without: names of subsystems whose state is left out, since they only observe the loop.
+        excluded_systems: names of subsystems whose state is left out, since they only observe the loop.
 
     Returns:
         The system, and Φ(x, u) - x (n,), which is zero at an equilibrium.
@@ -245,7 +245,7 @@ def linearize(
         InputError: if a system does not support AutoDiffXd, or has an abstract state.
     """
     (system,), change = linearize_ticks(
-        diagram, context, period=period, num_ticks=1, inputs=inputs, outputs=outputs, without=without
+        diagram, context, period=period, num_ticks=1, inputs=inputs, outputs=outputs, excluded_systems=excluded_systems
     )
     return system, change
 
@@ -258,7 +258,7 @@ def linearize_ticks(
     num_ticks: int,
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
-    without: Sequence[str] = (),
+    excluded_systems: Sequence[str] = (),
 ) -> tuple[list[SampledSystem], np.ndarray]:
     """Linearise a diagram's maps from each of several consecutive ticks to the next.
 
@@ -268,7 +268,7 @@ def linearize_ticks(
     Returns:
         The linear system from each tick to the next, and the state change (n,) over all ticks.
     """
-    layout = ContextVector(diagram, without=without)
+    layout = ContextVector(diagram, excluded_systems=excluded_systems)
     converted = to_autodiff(diagram)
     state = layout.read(diagram, context)
     ports = [diagram.GetInputPort(name) for name in inputs]

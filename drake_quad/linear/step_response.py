@@ -40,7 +40,7 @@ def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, dur
     Raises:
         InputError: if `state` has no such component, or the vehicle has a continuous state.
     """
-    layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(loop.diagram, excluded_systems=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
     state = np.zeros_like(equilibrium)
     vehicle_states = [i for i, name in enumerate(layout.names) if ".vehicle.state." in name]

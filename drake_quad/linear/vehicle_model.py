@@ -28,7 +28,7 @@ from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorConfig
-from drake_quad.vehicle.slung_load import HANGING, rod_from_swing
+from drake_quad.vehicle.slung_load import HANGING_AT_REST, rod_from_swing
 
 if TYPE_CHECKING:
     import control
@@ -38,7 +38,7 @@ _NUM_WIND_COMPONENTS = len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
 # Additional states of a vehicle with a slung load.
-SWING_STATES = tuple(port_rows("swing", len(HANGING)))
+SWING_STATES = tuple(port_rows("swing", len(HANGING_AT_REST)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND_COMPONENTS))
 # Largest remaining acceleration at an operating point, m/s² or rad/s².
 _TRIM_TOLERANCE = 1e-9
@@ -97,7 +97,7 @@ def find_trim(
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = rotor_state(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
         derivatives = accelerations(
-            axes, motion, rod_from_swing(HANGING), position[2], rotors, Wind(*wind), parameters, effects
+            axes, motion, rod_from_swing(HANGING_AT_REST), position[2], rotors, Wind(*wind), parameters, effects
         )
         return np.array(derivatives.motion)
 
@@ -192,7 +192,7 @@ def _diagram_at(
     builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    hanging = [] if acting.slung_load is None else HANGING
+    hanging = [] if acting.slung_load is None else HANGING_AT_REST
     context.SetContinuousState(np.concatenate([trim.state, trim.rotor_speed, hanging]))
     diagram.get_input_port().FixValue(context, np.concatenate([trim.rotor_speed, trim.wind]))
     return diagram, context

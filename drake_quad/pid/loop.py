@@ -21,12 +21,12 @@ class Integral(NamedTuple):
     Attributes:
         k_i: integral gain.
         limit: largest absolute value of the term, in the unit of the output.
-        fade: error e₀ from which on the term stays constant; None to integrate errors of any size.
+        max_integrated_error: error e₀ from which on the term stays constant; None to integrate errors of any size.
     """
 
     k_i: Row
     limit: Row
-    fade: Row | None = None
+    max_integrated_error: Row | None = None
 
 
 class Derivative(NamedTuple):
@@ -75,12 +75,12 @@ class Memory(NamedTuple):
     Attributes:
         integral: integral term.
         measured: measurement of the previous tick.
-        delayed: state of the derivative's filter.
+        filter_state: state of the derivative's filter.
     """
 
     integral: Row | None = None
     measured: LastMeasurement | None = None
-    delayed: FilterState | None = None
+    filter_state: FilterState | None = None
 
     @classmethod
     def of(cls, terms: Terms | None) -> "Memory":
@@ -101,8 +101,8 @@ def saturate(value: Row, limit: Row) -> Row:
 def integrate(term: Row, error: Row, integral: Integral, period: Time) -> Row:
     """Return the integral term after adding the error of one tick."""
     change = integral.k_i * error * period
-    if integral.fade is not None:
-        fraction = error / integral.fade
+    if integral.max_integrated_error is not None:
+        fraction = error / integral.max_integrated_error
         change = change * maximum(1.0 - fraction * fraction, 0.0)
     return saturate(term + change, integral.limit)
 
@@ -115,11 +115,11 @@ def differentiate(
     assert last is not None
     change = measured - last.value
     rate = last.known * (wrap_angle(change) if is_angle else change) / period
-    delayed = memory.delayed
+    filter_state = memory.filter_state
     if derivative.low_pass is not None:
-        assert delayed is not None
-        rate, delayed = filter_step(rate, derivative.low_pass, delayed)
-    return rate, Memory(memory.integral, LastMeasurement(measured, 1.0), delayed)
+        assert filter_state is not None
+        rate, filter_state = filter_step(rate, derivative.low_pass, filter_state)
+    return rate, Memory(memory.integral, LastMeasurement(measured, 1.0), filter_state)
 
 
 def pid(

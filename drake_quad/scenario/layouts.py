@@ -25,13 +25,13 @@ class RotorLayout(Model):
 
     Attributes:
         is_paired: True if opposite rotors of every airframe with this layout form pairs; see `paired_rotor_action`.
-        has_sides: True if animations show the frame as an H, with a bar on each side; False if they show an arm from
+        has_side_bars: True if animations show the frame as an H, with a bar on each side; False if they show an arm from
             the middle to every rotor.
     """
 
     kind: str
     is_paired: ClassVar[bool]
-    has_sides: ClassVar[bool]
+    has_side_bars: ClassVar[bool]
 
     @property
     @abstractmethod
@@ -62,7 +62,7 @@ class _Alternating(RotorLayout):
         description="distance between the right and the left rotors (m); length and width replace arm_length",
     )
     is_paired: ClassVar = True
-    has_sides: ClassVar = False
+    has_side_bars: ClassVar = False
     _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
     # Default `length` and `width`, as a multiple of the arm length.
     _distance_per_arm: ClassVar = sqrt(2.0)
@@ -117,7 +117,7 @@ class HLayout(_Alternating):
         description="distance between the front and the rear rotors (m)"
     )
     width: Annotated[Positive, PLAUSIBLE_SIZE] = Field(description="distance between the right and the left rotors (m)")
-    has_sides: ClassVar = True
+    has_side_bars: ClassVar = True
 
 
 class RotorPlacement(Model):
@@ -145,7 +145,7 @@ class RotorsLayout(RotorLayout):
         Field(description="rotors 1 to 4, in this order")
     )
     is_paired: ClassVar = False
-    has_sides: ClassVar = False
+    has_side_bars: ClassVar = False
 
     @property
     def has_distances(self) -> bool:

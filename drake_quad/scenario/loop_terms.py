@@ -56,8 +56,8 @@ class LoopTerms(Model):
         k_i, k_d, k_ff = (_gain(gains, axis) for gains in (self.k_i, self.k_d, self.k_ff))
         if k_i is not None:
             limit: Any = math.inf if self.integral_limit is None else self.integral_limit[axis]
-            fade: Any = self.integral_fade
-            integral = Integral(k_i, limit, fade)
+            max_error: Any = self.integral_fade
+            integral = Integral(k_i, limit, max_error)
         if k_d is not None:
             bandwidth: Any = None if self.derivative_bandwidth is None else self.derivative_bandwidth[axis]
             derivative = Derivative(

@@ -80,7 +80,7 @@ from drake_quad.signals import sensor_port_name, valid_signal
 from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.attitude_response import ATTITUDE_RESPONSE_EFFECTS
-from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
+from drake_quad.vehicle.authority import explain_infeasible_hover, explain_missing_wrench
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -144,7 +144,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         rotors = "layout", "thrust_factor", "drag_factor", "arm_length"
         if any(path.startswith(rotors) for path in distributions_in(self)):
             return
-        if missing := missing_direction(rotors_of(self)):
+        if missing := explain_missing_wrench(rotors_of(self)):
             raise self.field_error(f"must produce thrust and all torques, but cannot produce {missing}", "layout")
 
     def check_inertia(self) -> None:
@@ -269,7 +269,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
             return ""
         return f"the vehicle has no drag: {join_names([f'vehicle.{name}' for name in names])} are zero or not given"
 
-    def without_response(self) -> tuple[str, ...]:
+    def effects_unsupported_by_response(self) -> tuple[str, ...]:
         """Return the field names of effects that cannot be combined with an autopilot of kind `response`."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
         return (*failure, *(name for name in self.effect_parameters().names if name not in ATTITUDE_RESPONSE_EFFECTS))
@@ -652,13 +652,13 @@ UNIONS = (
 """Unions to which members can be added."""
 REGISTRIES = *UNIONS, EFFECTS
 """Unions and open fields to which members can be added."""
-WINDS.rebuild(Laboratory)
-SENSORS.rebuild(Laboratory)
-ESTIMATORS.rebuild(Laboratory)
-METRICS.rebuild(MetricWindow)
-AUTOPILOTS.rebuild(Laboratory)
-LAYOUTS.rebuild(Nominal, Vehicle)
+WINDS.add_dependent_models(Laboratory)
+SENSORS.add_dependent_models(Laboratory)
+ESTIMATORS.add_dependent_models(Laboratory)
+METRICS.add_dependent_models(MetricWindow)
+AUTOPILOTS.add_dependent_models(Laboratory)
+LAYOUTS.add_dependent_models(Nominal, Vehicle)
 for union in (LAYOUTS, ROUTES, WINDS):
-    union.rebuild(Mission)
+    union.add_dependent_models(Mission)
 for registry in REGISTRIES:
-    registry.rebuild(Scenario)
+    registry.add_dependent_models(Scenario)

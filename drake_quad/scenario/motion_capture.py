@@ -32,7 +32,7 @@ from drake_quad.scenario.quantities import (
     field_from_record,
     max_ticks,
 )
-from drake_quad.scenario.sensors.aiding import AidingSensor, AidingUse
+from drake_quad.scenario.sensors.aiding import AidingSensor, AidingModel
 
 # Markers that are aligned by eye are accurate to within 20°, or 0.35 rad.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
@@ -69,7 +69,7 @@ class MotionCaptureSettings(AidingSensor, Model):
     dropout_rate: Probability = field_from_record(CameraParameters, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
 
-    aids: ClassVar = AidingUse("pose", (("position_noise",), ("attitude_noise",)))
+    aids: ClassVar = AidingModel("pose", (("position_noise",), ("attitude_noise",)))
     position: ClassVar = (0.0, 0.0, 0.0)
 
     @property

@@ -58,7 +58,7 @@ class Rule:
         lower: smallest valid number; None if there is no lower bound.
         upper: largest valid number; None if there is no upper bound.
         is_whole: whether numbers must be whole.
-        is_of_numbers: whether the rule applies to the numbers as written (such as distribution parameters), before
+        applies_to_written_numbers: whether the rule applies to the numbers as written (such as distribution parameters), before
             pydantic converts them, instead of to all values of a distribution.
     """
 
@@ -66,11 +66,11 @@ class Rule:
     lower: float | None
     upper: float | None
     is_whole: bool = False
-    is_of_numbers: bool = False
+    applies_to_written_numbers: bool = False
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return a pydantic schema that applies the rule."""
-        validator = BeforeValidator(self.check) if self.is_of_numbers else AfterValidator(self.check)
+        validator = BeforeValidator(self.check) if self.applies_to_written_numbers else AfterValidator(self.check)
         return validator.__get_pydantic_core_schema__(source, handler)
 
 
@@ -127,7 +127,7 @@ def radians(max_angle: float) -> Rule:
             raise validation_error(radians_demand(large, max_angle))
         return value
 
-    return Rule(check, -max_angle, max_angle, is_of_numbers=True)
+    return Rule(check, -max_angle, max_angle, applies_to_written_numbers=True)
 
 
 def radians_demand(degrees: float, max_angle: float) -> str:

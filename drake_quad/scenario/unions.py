@@ -74,7 +74,7 @@ class _Members(ABC):
         del self.members[name]
         self._rebuild()
 
-    def rebuild(self, *models: type[Model]) -> None:
+    def add_dependent_models(self, *models: type[Model]) -> None:
         """Add models to rebuild after each registration, since they contain the members; the innermost comes first."""
         self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
 

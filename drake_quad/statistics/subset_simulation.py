@@ -27,7 +27,7 @@ MIN_SIZE = 500
 
 If a step has 200 samples, estimates of 1e-6 are 37 % too large, and their intervals are too short.
 """
-MAX_NOISE = 2**31
+NOISE_SEED_BOUND = 2**31
 """Upper bound (exclusive) on the integers that determine noise."""
 
 _MAX_LEVELS = 15  # each level divides the probability by about ten, so estimates reach about 1e-15
@@ -149,7 +149,7 @@ def subset_steps(
     """
     num_chains = round(fraction * size)
     points = generator.standard_normal((size, num_coordinates))
-    noise = generator.integers(MAX_NOISE, size=(size, num_noise))
+    noise = generator.integers(NOISE_SEED_BOUND, size=(size, num_noise))
     values = yield points, noise
     levels, fractions, history, num_evaluations, step = [], [], [], size, _INITIAL_STEP
     equal_fraction = 0.0
@@ -208,7 +208,7 @@ def _proposal(
     moved = correlation * points + step * generator.standard_normal(points.shape)
     # Each integer of the noise is kept with a probability equal to the correlation, and drawn again otherwise.
     is_drawn = generator.random(noise.shape) < 1.0 - correlation
-    return moved, np.where(is_drawn, generator.integers(MAX_NOISE, size=noise.shape), noise)
+    return moved, np.where(is_drawn, generator.integers(NOISE_SEED_BOUND, size=noise.shape), noise)
 
 
 def probability_of_runs(probabilities: Sequence[float], confidence: float = CONFIDENCE) -> Interval:

@@ -20,7 +20,7 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
-from drake_quad.statistics.subset_simulation import MAX_NOISE
+from drake_quad.statistics.subset_simulation import NOISE_SEED_BOUND
 from drake_quad.studies.evaluator import Evaluator
 from drake_quad.studies.stored_flights import stored_flights
 from drake_quad.studies.worker_pool import WorkerPool
@@ -117,7 +117,7 @@ def find_worst_case(
     cma = import_extra("cma", "robustness")
     evaluator = Evaluator(scenario, num_vehicles=1000, user_systems=user_systems, compiled=compiled, pool=pool)
     # The scenario's seed selects wind and noise, so that searches with different seeds are independent.
-    noise = np.random.default_rng(scenario.seed).integers(MAX_NOISE, size=num_noise)
+    noise = np.random.default_rng(scenario.seed).integers(NOISE_SEED_BOUND, size=num_noise)
     sign = 1.0 if maximise else -1.0
     duration = flight_duration(scenario, evaluator.plan)
 

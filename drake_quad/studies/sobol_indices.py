@@ -18,7 +18,7 @@ from drake_quad.extras import import_extra
 from drake_quad.laboratory.metrics import Metrics, metric_definitions
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
-from drake_quad.statistics.subset_simulation import MAX_NOISE
+from drake_quad.statistics.subset_simulation import NOISE_SEED_BOUND
 from drake_quad.studies.evaluator import Evaluator
 from drake_quad.studies.stored_flights import stored_flights
 from drake_quad.studies.worker_pool import WorkerPool
@@ -92,7 +92,7 @@ def sobol_indices(
     names = [*evaluator.names, NOISE]
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
     points = sample.sample(problem, num_points, calc_second_order=False, seed=scenario.seed)
-    noise = np.minimum(points[:, -1] * MAX_NOISE, MAX_NOISE - 1).astype(np.int64)
+    noise = np.minimum(points[:, -1] * NOISE_SEED_BOUND, NOISE_SEED_BOUND - 1).astype(np.int64)
     num_done = 0
 
     def show(count: int) -> None:

@@ -31,8 +31,8 @@ LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
 TEXT_BACKGROUND: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
 # Position of a legend above the right end of the axes, so that it hides no curve.
 LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
-AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
-ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
+AXIS_COLORS = {"x": BLUE, "y": VERMILION, "z": GREEN}
+ROTOR_COLORS = (BLUE, VERMILION, GREEN, PURPLE)
 
 _SETTINGS: Any = {
     "figure.dpi": 110,

@@ -16,7 +16,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 from drake_quad.assembly.control import control_setting
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.control.pid_cascade.system import initial_state, step_cascade
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.flight.mission import plan_route
@@ -62,7 +62,7 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
 def main() -> None:
     """Print correlation and RMS difference of modelled and logged commands, for each output of each flight."""
-    options = bare_parser(__doc__, "python scripts/development/check_crazyflie_controller.py nanobench")
+    options = parser_without_options(__doc__, "python scripts/development/check_crazyflie_controller.py nanobench")
     options.add_argument("folder", type=Path)
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
     recipe = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"]

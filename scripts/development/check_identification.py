@@ -15,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError
-from drake_quad.command_line.options import bare_parser, check_ranges, parse_overrides
+from drake_quad.command_line.options import parser_without_options, check_ranges, parse_overrides
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import short_repr
@@ -35,7 +35,7 @@ _OPTION_RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**
 
 
 def main() -> None:
-    options = bare_parser(
+    options = parser_without_options(
         __doc__, "python scripts/development/check_identification.py wind --samples 100 --processes 2"
     )
     options.add_argument("flights", choices=[*SYNTHETIC_FLIGHTS], help="condition of the flights")

@@ -6,7 +6,7 @@ from pathlib import Path
 from drake_quad.command_line.running import run
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.options import parser_without_options, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.design.cascade import design_cascade, with_gains, with_integrals
@@ -46,7 +46,7 @@ _CONTROLLERS: dict[str, dict[str, Callable[[Scenario], Scenario]]] = {
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/compare_estimation.py --samples 16")
+    options = parser_without_options(__doc__, "python scripts/development/compare_estimation.py --samples 16")
     options.add_argument("--samples", type=int, default=256, help="flights of each controller (default: %(default)s)")
     options.add_argument(
         "--output", type=Path, default=Path("out/compare_estimation"), help="folder (default: %(default)s)"

@@ -8,7 +8,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import Flight, load_scenario, simulate_samples
-from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.options import parser_without_options, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
@@ -69,7 +69,7 @@ class Errors(NamedTuple):
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/compare_sensors.py --samples 4")
+    options = parser_without_options(__doc__, "python scripts/development/compare_sensors.py --samples 4")
     options.add_argument(
         "--samples", type=int, default=64, help="flights with each set of sensors (default: %(default)s)"
     )

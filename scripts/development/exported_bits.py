@@ -16,7 +16,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, draw_sample, export_controller, exported_controller, load_scenario, simulate
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.exported.description import read_description
 from drake_quad.exported.machines import COMPILER_FLAGS, HostMachine
 from drake_quad.scenario.files.shipped import shipped_folder
@@ -111,7 +111,7 @@ def bits(values: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Print the table."""
-    options = bare_parser(__doc__, "python scripts/development/exported_bits.py --only lqg")
+    options = parser_without_options(__doc__, "python scripts/development/exported_bits.py --only lqg")
     options.add_argument("--only", default="", help="fly only cases whose laboratory or controller contains this text")
     only = options.parse_args().only
     with tempfile.TemporaryDirectory() as folder:

@@ -15,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 import scipy
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.errors import InputError, short_repr
@@ -83,7 +83,7 @@ class Flight(NamedTuple):
 
 def main() -> None:
     """Identify the vehicle, write the scenario, and print the parameters of each flight."""
-    options = bare_parser(__doc__, "python scripts/development/identify_nanobench.py nanobench")
+    options = parser_without_options(__doc__, "python scripts/development/identify_nanobench.py nanobench")
     options.add_argument("folder", type=Path)
     options.add_argument("--output", type=Path, default=_FILE, metavar="FILE", help="file (default: the shipped file)")
     arguments = options.parse_args()

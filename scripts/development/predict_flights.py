@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from drake_quad import Flight, load_scenario, read_log, simulate
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.flight.simulation import simulate_batch, simulate_samples
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.body_drag import BodyDragEffect
@@ -59,7 +59,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/predict_flights.py")
+    options = parser_without_options(__doc__, "python scripts/development/predict_flights.py")
     options.add_argument(
         "--wind", choices=PUBLISHED_ERRORS, nargs="+", default=[*PUBLISHED_ERRORS], help="winds (default: all)"
     )

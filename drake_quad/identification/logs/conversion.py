@@ -13,7 +13,7 @@ from drake_quad.identification.logs.consistency import inconsistencies
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.plausibility import implausible_signals, position_jumps
 from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord, SignalOrigin
-from drake_quad.identification.logs.timing import rising_samples, timing_remarks
+from drake_quad.identification.logs.timing import increasing_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
@@ -95,7 +95,7 @@ class _Clocks:
         """Return the increasing sample times of a signal, s, and the table rows of the samples."""
         time = table.time if table.sample_time is None or is_held(signal) else table.sample_time
         if id(time) not in self._known:
-            is_kept, remarks = rising_samples(time)
+            is_kept, remarks = increasing_samples(time)
             table_remarks = [f"{table.name}: {each}" if table.name else each for each in remarks]
             self.remarks += [each for each in table_remarks if each not in self.remarks]
             self._known[id(time)] = time[is_kept], np.flatnonzero(is_kept)

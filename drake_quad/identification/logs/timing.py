@@ -9,7 +9,7 @@ _MAX_TIME = 1e12  # s, thirty thousand years; larger times are damaged data
 _MIN_JITTER = 0.05  # smallest reported standard deviation of the steps, relative to their median
 
 
-def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def increasing_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Return a mask (n,) of samples with increasing times, and remarks on the samples that are left out.
 
     A sample is left out if its time is not a number, repeats the time of the preceding sample, or is out of order. A

@@ -174,8 +174,8 @@ def _poor_fit_reason(explained: float) -> str:
 
 def _log_unexplained(pieces: Sequence[Piece]) -> float:
     """Return the sum over the axes of log(1 - R²), for laws that are fitted to evenly spaced samples."""
-    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
-    thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
+    step = max(1, sum(int(piece.evaluated.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
+    thinned = [piece._replace(evaluated=piece.evaluated & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
     return sum(
         float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained_variance, _MIN_UNEXPLAINED_VARIANCE)))
         for axis in range(3)
@@ -225,7 +225,7 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
         fit = refit
     if REFERENCE_TERMS[0] not in excited_terms(pieces, axes):
         imprecise |= dict.fromkeys(REFERENCE_TERMS, "the reference does not move along this axis")
-    errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
+    errors = np.abs(np.concatenate([piece.error[piece.evaluated][:, axes] for piece in pieces]))
     return AxisLaw(
         tuple(_AXES[axis] for axis in axes),
         {name: estimate for name, estimate in estimates.items() if name not in imprecise},

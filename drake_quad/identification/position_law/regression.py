@@ -87,7 +87,7 @@ def select_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
 def fit_with_limit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
     """Fit a law without filter to some axes, and add a limit of the error if it is significant."""
     fit = _simplest_fit(pieces, axes)
-    errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
+    errors = np.abs(np.concatenate([piece.error[piece.evaluated][:, axes] for piece in pieces]))
     limits = [fit.shape._replace(error_limit=float(each)) for each in np.quantile(errors, _LIMIT_QUANTILES)]
     with_limit = search_fit(pieces, axes, fit.terms, limits, (*fit.free, "error_limit"))
     return _better_fit(pieces, axes, fit, with_limit)
@@ -101,7 +101,7 @@ def _simplest_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
 
 def excited_terms(pieces: Sequence[Piece], axes: tuple[int, ...]) -> tuple[str, ...]:
     """Return the terms that the flight excites on some axes."""
-    speeds = np.concatenate([piece.reference_velocity[piece.counted][:, axes] for piece in pieces])
+    speeds = np.concatenate([piece.reference_velocity[piece.evaluated][:, axes] for piece in pieces])
     is_moving = np.std(speeds) >= MIN_REFERENCE_SPEED
     nuisances = (name for name in NUISANCE_TERMS if any(getattr(piece, name)[:, axes].any() for piece in pieces))
     return (*ESSENTIAL_TERMS, *(REFERENCE_TERMS if is_moving else ()), "integral", *nuisances)
@@ -164,10 +164,10 @@ def _regression(
     """Return the regressors (n, k) and the commands (n,), each without its mean and trend in each piece and axis."""
     regressors, commands = [], []
     for axis, piece in product(axes, pieces):
-        delayed_times = piece.time[piece.counted] - shape.delay
+        delayed_times = piece.time[piece.evaluated] - shape.delay
         columns = _columns(piece, axis, terms, shape)
         delayed_columns = np.column_stack([np.interp(delayed_times, piece.time, column) for column in columns.T])
-        command = piece.command[piece.counted, axis]
+        command = piece.command[piece.evaluated, axis]
         time_offset = delayed_times - delayed_times.mean()
         centred = np.column_stack([delayed_columns, command])
         centred -= centred.mean(axis=0) + np.outer(time_offset, time_offset @ centred / (time_offset @ time_offset))

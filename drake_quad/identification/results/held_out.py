@@ -23,7 +23,7 @@ from drake_quad.identification.random_effects import NUM_SEGMENTS, FlightSegment
 from drake_quad.identification.results.estimates import quantile
 
 
-class HeldOut(NamedTuple):
+class HeldOutErrors(NamedTuple):
     """Differences between the estimates of a parameter from held-out stretches and from the other stretches.
 
     Attributes:
@@ -40,7 +40,7 @@ class HeldOut(NamedTuple):
         return int(np.sum(np.abs(self.errors) <= self.half_widths))
 
 
-def hold_out_check(evidence: Evidence) -> dict[str, HeldOut]:
+def hold_out_check(evidence: Evidence) -> dict[str, HeldOutErrors]:
     """Return the result of the check for each parameter, by name; empty if there are too few windows."""
     if len(evidence.scores) < NUM_SEGMENTS:
         return {}
@@ -55,4 +55,4 @@ def hold_out_check(evidence: Evidence) -> dict[str, HeldOut]:
             * np.sqrt(mean_variance + others.variance_between() + stretches.variances[held_out])
         )
     pairs = zip(evidence.names, np.transpose(errors), np.transpose(half_widths), strict=True)
-    return {name: HeldOut(*pair) for name, *pair in pairs}
+    return {name: HeldOutErrors(*pair) for name, *pair in pairs}

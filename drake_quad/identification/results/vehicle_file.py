@@ -388,7 +388,7 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
         "attitude": _Entry(None, "the autopilot controls the attitude"),
         "position": {"feed_forward": _Entry("acceleration")},
     }
-    for effect in base.vehicle.without_response():
+    for effect in base.vehicle.effects_unsupported_by_response():
         off = Vehicle.model_fields[effect].default
         tree["vehicle"][effect] = _Entry(off, "included in the attitude response")
 

@@ -24,7 +24,7 @@ from drake_quad.signals import Reference, State
 
 AXES = ("x", "y", "z", "all")
 """Columns of `ErrorStatistics`: the axes of W, and the norm of the error."""
-INTERVAL = (0.025, 0.975)
+INTERVAL_QUANTILES = (0.025, 0.975)
 """Quantiles at the ends of the 95 % interval of the predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
@@ -104,7 +104,7 @@ class LogComparison:
         """Return median, lower and upper end of the 95 % interval of the named statistic, (4,) each as in `AXES`."""
         values = getattr(self.predicted_statistics(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
-        median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
+        median, low, high = np.quantile(values, (0.5, *INTERVAL_QUANTILES), axis=0, method="nearest")
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:

@@ -87,7 +87,7 @@ class Predictions:
         value = math.sqrt(mean)
         return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
-    def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
+    def error_reduction(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
         """Return the fraction by which a vehicle reduces the RMS error of another vehicle, from the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
@@ -103,7 +103,7 @@ class Predictions:
         ratio = math.sqrt(float(np.mean(squares) / np.mean(other_squares)))
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
 
-    def losses(self, vehicle: str) -> str:
+    def remark_on_worse_predictions(self, vehicle: str) -> str:
         """Return a remark on the quantities that a vehicle predicts worse than a predictor without a model does.
 
         The remark lists the horizons at which the vehicle is significantly worse: the 95 % interval of the difference
@@ -114,7 +114,7 @@ class Predictions:
             significant = [
                 f"{horizon:g}"
                 for horizon in self.horizons
-                if any(self.better(quantity, vehicle, other, horizon).high < 0.0 for other in baselines)
+                if any(self.error_reduction(quantity, vehicle, other, horizon).high < 0.0 for other in baselines)
             ]
             if significant:
                 worse.append(f"{quantity.replace('_', ' ')} ({', '.join(significant)} s)")

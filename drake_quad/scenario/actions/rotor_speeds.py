@@ -47,7 +47,7 @@ class RotorSpeedsAction(Action):
         speeds = SpeedScale(self._min_speed(nominal), nominal.max_rotor_speed, wrenches)
         return Recipe(RotorSpeedActuation, {"order": order}, speeds)
 
-    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
+    def hover_action(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands the hover speeds of the nominal vehicle."""
         min_speed, max_speed = self._min_speed(nominal), float(nominal.max_rotor_speed)
         speeds = hover_rotor_speeds(nominal)

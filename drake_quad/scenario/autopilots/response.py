@@ -63,7 +63,7 @@ class AttitudeResponseSettings(Autopilot):
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the vehicle has an effect that an identified response cannot include."""
-        for name in scenario.vehicle.without_response():
+        for name in scenario.vehicle.effects_unsupported_by_response():
             demand = "must be left out, since laboratory.autopilot of kind response does not model it"
             raise scenario.field_error(demand, "vehicle", name)
 

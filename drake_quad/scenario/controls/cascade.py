@@ -114,5 +114,5 @@ class CascadeControl(Control):
         return {"thrust_vectoring": self.thrust_vectoring, "attitude": self.attitude}
 
 
-POSITION_CONTROLLERS.rebuild(CascadeControl)
-ATTITUDE_CONTROLLERS.rebuild(CascadeControl)
+POSITION_CONTROLLERS.add_dependent_models(CascadeControl)
+ATTITUDE_CONTROLLERS.add_dependent_models(CascadeControl)

@@ -67,7 +67,7 @@ class Control(Model):
         """Return a short description of each part of the control, such as its kind."""
         return [self.kind]
 
-    def ahead(self) -> tuple[float, ...]:
+    def preview_times(self) -> tuple[float, ...]:
         """Return the preview times of the control: it reads the reference at these times after the present, s."""
         return ()
 

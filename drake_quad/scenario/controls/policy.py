@@ -80,7 +80,7 @@ class PolicyControl(Control):
             "num_ahead": len(observation.ahead),
             "clearance": observation.clearance(setting.space),
         }
-        numbers = ObservationParameters(nominal.max_rotor_speed, action.hovering(nominal))
+        numbers = ObservationParameters(nominal.max_rotor_speed, action.hover_action(nominal))
         recipes = {"observation": Recipe(policies.Observation, structure, numbers)}
         if self.policy is not None:
             network = {"period": setting.tick, "network": self.policy.network()}
@@ -111,7 +111,7 @@ class PolicyControl(Control):
         """Return whether the actions are body rates."""
         return self.action.commands == "rates"
 
-    def ahead(self) -> tuple[float, ...]:
+    def preview_times(self) -> tuple[float, ...]:
         """Return the preview times of the policy: it observes the reference at these times after the present, s."""
         return self.observation.ahead
 
@@ -129,5 +129,5 @@ class PolicyControl(Control):
         return {name: getattr(self, name) for name in ("action", "observation", "thrust_vectoring", "attitude")}
 
 
-ATTITUDE_CONTROLLERS.rebuild(PolicyControl)
-ACTIONS.rebuild(PolicyControl)
+ATTITUDE_CONTROLLERS.add_dependent_models(PolicyControl)
+ACTIONS.add_dependent_models(PolicyControl)

@@ -17,9 +17,9 @@ from drake_quad.scenario.estimators.inertial import (
     INERTIAL_SENSORS,
     InertialEstimator,
     aiding_sensor,
-    estimate_of,
+    exact_estimate,
     path_of,
-    unless_zero,
+    none_if_zero,
 )
 from drake_quad.scenario.quantities import (
     FixedAngleNoise,
@@ -98,11 +98,11 @@ class ErrorStateFilterSettings(InertialEstimator):
         imu = laboratory.named_sensors["accelerometer"].position
         aiding, parameters = [], []
         for name, source in self.sources(scenario.laboratory, laboratory).items():
-            settings, used = source.settings, filter_of_fleet.use_of(name)
+            settings, used = source.settings, filter_of_fleet.aiding_settings(name)
             latency = settings.latency if used.latency is None else used.latency
             aiding.append(aiding_sensor(name, settings, period, int(latency)))
-            place = source.fleet.place
-            lever = None if place is None else unless_zero(minus(Vector(*place), Vector(*imu)))
+            place = source.fleet.mounting_position
+            lever = None if place is None else none_if_zero(minus(Vector(*place), Vector(*imu)))
             parameters.append(
                 AidingParameters(
                     source.fleet.aiding_parameters(_per_component(used.deviation, settings.num_components)),
@@ -112,7 +112,7 @@ class ErrorStateFilterSettings(InertialEstimator):
                 )
             )
         # The filter assumes that the centre of mass is the origin of the layout.
-        from_centre = unless_zero(Vector(*imu))
+        from_centre = none_if_zero(Vector(*imu))
         deviation = self.initial_deviation
         filter_parameters = FilterParameters(
             InertialNoise(
@@ -129,7 +129,7 @@ class ErrorStateFilterSettings(InertialEstimator):
                 *[deviation.accelerometer_bias] * 3,
             ),
             tuple(parameters),
-            estimate_of(start, from_centre),
+            exact_estimate(start, from_centre),
             gravity=scenario.nominal.gravity,
             imu=from_centre,
         )
@@ -163,9 +163,9 @@ class ErrorStateFilterSettings(InertialEstimator):
             used[name] = source.aiding.model_copy(update={"deviation": given})
         return self.model_copy(update={**update, "aiding": used})
 
-    def flaws(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
+    def sensor_errors(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
         """Yield an error message and the path of a field for each problem with the sensors of a laboratory."""
-        yield from super().flaws(laboratory)
+        yield from super().sensor_errors(laboratory)
         for name, source in self.sources(laboratory, laboratory).items():
             settings, given = source.settings, source.aiding.deviation
             if source.aiding.latency is None and isinstance(settings.latency, Distribution):

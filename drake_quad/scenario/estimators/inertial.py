@@ -58,7 +58,7 @@ class InertialEstimator(Estimator):
         """Return the names of the inertial and aiding sensors."""
         return [*INERTIAL_SENSORS, *self.sources(laboratory, laboratory)]
 
-    def use_of(self, name: str) -> Any:
+    def aiding_settings(self, name: str) -> Any:
         """Return the settings of the estimator for an aiding sensor."""
         return self.default_aiding if self.aiding is None else self.aiding[name]
 
@@ -68,14 +68,14 @@ class InertialEstimator(Estimator):
         sensors, drawn = laboratory.named_sensors, fleet.named_sensors
         every = cameras | {name: (sensors[name], drawn[name]) for name in sensors}
         names = [*self.aiding] if self.aiding is not None else [name for name in sensors if sensors[name].aids]
-        return {name: AidingSource(every[name][0], every[name][1], self.use_of(name)) for name in names}
+        return {name: AidingSource(every[name][0], every[name][1], self.aiding_settings(name)) for name in names}
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if a sensor is missing, or if the estimator cannot use it."""
-        for demand, *path in self.flaws(scenario.laboratory):
+        for demand, *path in self.sensor_errors(scenario.laboratory):
             raise scenario.field_error(demand, "laboratory", *path)
 
-    def flaws(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
+    def sensor_errors(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
         """Yield an error message and the path of a field for each problem with the sensors of a laboratory.
 
         The caller must stop at the first problem, since each check relies on the earlier ones.
@@ -133,12 +133,12 @@ def aiding_sensor(name: str, settings: Any, period: float, latency: int = 0) -> 
     return Aiding(name, settings.aids.kind, round(settings.period / period), settings.can_miss, latency)
 
 
-def unless_zero(offset: Vector) -> Vector | None:
+def none_if_zero(offset: Vector) -> Vector | None:
     """Return an offset, which may contain (N,) arrays; None if it is zero for all vehicles."""
     return offset if any(np.any(np.not_equal(each, 0.0)) for each in offset) else None
 
 
-def estimate_of(start: State, imu: Vector | None = None) -> Estimate:
+def exact_estimate(start: State, imu: Vector | None = None) -> Estimate:
     """Return the estimate that equals the true state at the inertial measurement unit, with zero biases.
 
     Args:

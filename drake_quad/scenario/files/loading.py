@@ -18,7 +18,7 @@ from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
 from drake_quad.scenario.files.override_mapping import override_trees
-from drake_quad.scenario.files.relative import refuse_dropped, refuse_outside_vehicle, with_absolute_distributions
+from drake_quad.scenario.files.relative import raise_no_base_value, refuse_outside_vehicle, with_absolute_distributions
 from drake_quad.scenario.files.saving import saved_options
 from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
@@ -238,7 +238,7 @@ def _check_required_fields(dropped: Mapping[str, Tree], tree: Tree) -> None:
         missing = ".".join(map(str, ("vehicle", *_document_path(problem, data))))
         for path, distribution in dropped.items():
             if problem["type"] in _MISSING_TYPES and f"{path}.".startswith(f"{missing}."):
-                refuse_dropped(distribution, path)
+                raise_no_base_value(distribution, path)
 
 
 def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:

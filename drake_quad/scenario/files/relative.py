@@ -144,7 +144,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
             return tree._replace(value=items)
         if not all(map(is_relative, tree.value)):
             i = items.index(None)
-            refuse_dropped(tree.value[i], f"{path}.{i}")
+            raise_no_base_value(tree.value[i], f"{path}.{i}")
         return None
     if not isinstance(tree.value, dict):
         return tree
@@ -155,7 +155,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
     return None if parts and not kept else tree._replace(value=kept)
 
 
-def refuse_dropped(distribution: Tree, path: str) -> None:
+def raise_no_base_value(distribution: Tree, path: str) -> None:
     """Raise InputError, because the relative distribution of a required field has no value to which it applies."""
     raise InputError(
         f"{distribution.mark}: {join_path(*path.split('.'))} is relative, but the vehicle has no value to which the"

@@ -7,7 +7,7 @@ import numpy as np
 from drake_quad.scenario.quantities import can_differ_from_zero
 
 
-class AidingUse(NamedTuple):
+class AidingModel(NamedTuple):
     """Way in which the readings of a sensor correct an estimate.
 
     Attributes:
@@ -30,10 +30,10 @@ class AidingSensor:
         aids: way in which the readings correct an estimate; None if they cannot.
     """
 
-    aids: ClassVar[AidingUse | None] = None
+    aids: ClassVar[AidingModel | None] = None
 
     @property
-    def place(self) -> tuple[Any, Any, Any] | None:
+    def mounting_position(self) -> tuple[Any, Any, Any] | None:
         """Position of the sensor in B relative to the origin of the layout, m; None if readings do not depend on it."""
         return getattr(self, "position", None)
 

@@ -20,7 +20,7 @@ from drake_quad.laboratory.sensors.magnetometer import (
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Direction, NonNegative, Number, Position, Positive, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # The magnetic field of the earth has a magnitude of 22 to 67 µT.
@@ -64,7 +64,7 @@ class MagnetometerSettings(SensorSettings):
     )
     law: ClassVar = MAGNETOMETER
     noise: ClassVar = ("field_noise",)
-    aids: ClassVar = AidingUse("magnetic_field", (("field_noise",),))
+    aids: ClassVar = AidingModel("magnetic_field", (("field_noise",),))
 
     def parameters(self, vehicle: Any) -> MagnetometerParameters:
         """Return the magnetometer parameters."""

@@ -7,7 +7,7 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.range_finder import RANGE_FINDER, RangeFinderParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, not_in_millimetres
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -39,7 +39,7 @@ class RangeFinderSettings(SensorSettings):
     )
     law: ClassVar = RANGE_FINDER
     noise: ClassVar = ("distance_noise", "relative_noise")
-    aids: ClassVar = AidingUse("ground_distance", (("distance_noise", "relative_noise"),))
+    aids: ClassVar = AidingModel("ground_distance", (("distance_noise", "relative_noise"),))
 
     def parameters(self, vehicle: Any) -> RangeFinderParameters:
         """Return the range finder parameters."""

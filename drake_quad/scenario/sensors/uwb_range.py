@@ -11,7 +11,7 @@ from drake_quad.laboratory.sensors.uwb_range import UWB_RANGE, Anchor, Outliers,
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Probability, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -40,7 +40,7 @@ class UwbRangeSettings(SensorSettings):
     law: ClassVar = UWB_RANGE
     nonlinear: ClassVar = {"outlier_rate": 0.0}
     noise: ClassVar = ("distance_noise", "outlier_rate")
-    aids: ClassVar = AidingUse("anchor_distance", (("distance_noise",),))
+    aids: ClassVar = AidingModel("anchor_distance", (("distance_noise",),))
 
     def parameters(self, vehicle: Any) -> UwbParameters:
         """Return the parameters of the distance measurement."""

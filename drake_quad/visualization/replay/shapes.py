@@ -60,7 +60,7 @@ class Frame(NamedTuple):
     def of(cls, vehicle: Any) -> "Frame":
         """Return the airframe of a vehicle: two side bars and a crossbar for an H frame, else four arms."""
         rotors = rotors_of(vehicle)
-        sides = [rotor.y if vehicle.layout.has_sides else 0.0 for rotor in rotors]
+        sides = [rotor.y if vehicle.layout.has_side_bars else 0.0 for rotor in rotors]
         return cls(rotors, tuple(np.array([0.0, side, 0.0]) for side in sides))
 
     @property
