@@ -17,7 +17,7 @@ TIME = PERIOD * np.arange(40)  # s
 WINDOW = (TIME >= 2.0) & (TIME <= 6.0)
 
 
-def walks(seed):
+def random_walks(seed):
     """Return a random walk for each component of a record."""
     return Wind(*np.cumsum(np.random.default_rng(seed).normal(size=(3, len(TIME))), axis=1))
 
@@ -41,7 +41,7 @@ def robustness_of(accumulator, wind):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_always_is_the_smallest_margin_and_eventually_the_largest_in_the_window(seed):
-    wind = walks(seed)
+    wind = random_walks(seed)
     margin = np.minimum(1.0 - wind.x, wind.y + 2.0)
     conjunction = Combination("all", (below("x", 1.0), above("y", -2.0)))
     assert robustness_of(always(conjunction, 2.0, 6.0), wind) == margin[WINDOW].min()
@@ -55,7 +55,7 @@ def test_always_is_the_smallest_margin_and_eventually_the_largest_in_the_window(
 
 def test_a_requirement_without_a_tick_in_its_window_has_no_robustness():
     for accumulator in (always(below("x", 1.0), 50.0, 60.0), eventually(below("x", 1.0), 50.0, 60.0)):
-        assert math.isnan(robustness_of(accumulator, walks(0)))
+        assert math.isnan(robustness_of(accumulator, random_walks(0)))
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def rtamt(monkeypatch):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_robustness_agrees_with_the_library_rtamt(seed, rtamt):
-    wind = walks(seed)
+    wind = random_walks(seed)
     x = below("x", 1.0)
     cases = {
         "always[2:6](x <= 1)": always(x, 2.0, 6.0),

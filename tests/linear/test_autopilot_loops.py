@@ -205,7 +205,7 @@ def test_shipped_gains_are_the_result_of_the_command_that_their_file_names(root,
     assert reproduced == scenario
 
 
-def grows(scenario, row, duration):
+def displacement_grows(scenario, row, duration):
     """Return whether a small displacement of the simulated diagram grows after the fast modes have decayed."""
     response = initial_response(closed_loop(scenario), {row: 1e-5}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
@@ -232,8 +232,8 @@ def test_flights_begin_to_oscillate_at_the_gain_limit_of_the_position_loop(onboa
     loop = design_cascade(scenario).loops[row]
     resting = at_rest(nominal_hover(with_gains(scenario, design_cascade(scenario).gains())))
     factor = 10.0 ** (loop.margins.gain / 20.0)
-    assert not grows(with_position_scaled(resting, 0.98 * factor, axes), row, duration)
-    assert grows(with_position_scaled(resting, 1.02 * factor, axes), row, duration)
+    assert not displacement_grows(with_position_scaled(resting, 0.98 * factor, axes), row, duration)
+    assert displacement_grows(with_position_scaled(resting, 1.02 * factor, axes), row, duration)
 
 
 @pytest.mark.slow
@@ -245,7 +245,7 @@ def test_flights_begin_to_oscillate_at_the_gain_limit_of_the_yaw_loop_on_board(o
     gains = designed.autopilot_gains()
     roll, pitch, yaw = gains["k_attitude"]
     changed = with_autopilot_gains(resting, {**gains, "k_attitude": (roll, pitch, factor * yaw)})
-    assert grows(changed, "yaw", 4.0) == (fraction > 1.0)
+    assert displacement_grows(changed, "yaw", 4.0) == (fraction > 1.0)
 
 
 def test_at_rest_removes_the_noise_of_an_autopilot_and_nominal_hover_also_removes_its_bias(onboard):

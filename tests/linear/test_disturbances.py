@@ -91,7 +91,9 @@ def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetri
     )
     torque = np.cross([0.02, 0.03, 0.04], [0.1 * 2.0, 0.2 * -1.5, 0.3 * 0.5])
     expected = torque[:2] / [0.0071, 0.0079]
-    np.testing.assert_allclose(disturbances.angular_acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
+    np.testing.assert_allclose(
+        disturbances.angular_acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9
+    )
 
 
 def test_sampled_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):

@@ -53,10 +53,10 @@ def poles_with_gain(closed, factor):
 def test_a_time_invariant_loop_has_the_same_margins_as_a_periodic_loop(name, signal, row, num_ticks):
     scenario = load_scenario(name)
     loop = offset_loop(scenario, row)
-    found = periodic_margins(lifted([loop] * num_ticks))
+    result = periodic_margins(lifted([loop] * num_ticks))
     expected = link_margins(scenario)[signal]
-    np.testing.assert_allclose(found[:-1], expected[:-1], rtol=1e-5)
-    assert found.bandwidth == pytest.approx(expected.bandwidth, rel=1e-3)
+    np.testing.assert_allclose(result[:-1], expected[:-1], rtol=1e-5)
+    assert result.bandwidth == pytest.approx(expected.bandwidth, rel=1e-3)
 
 
 def sampled_loop(numerator, denominator):
@@ -142,6 +142,25 @@ def test_the_sensitivity_peak_and_the_disk_margin_are_gains_of_the_periodic_loop
     for shift, expected in ((0.0, margins.sensitivity), (0.5, 1.0 / margins.disk)):
         gain = np.linalg.norm(response - shift * np.eye(len(response)), 2)
         assert 0.99 * expected < gain < 1.00001 * expected
+
+
+@pytest.mark.parametrize("num_ticks", [1, 3])
+@pytest.mark.parametrize(("gain", "direct", "expected"), [(0.25, 0.0, 0.0), (0.0, 10.0, math.inf)])
+def test_the_bandwidth_is_zero_or_infinite_if_the_response_never_crosses_minus_3_db(num_ticks, gain, direct, expected):
+    """The loop is gain / (z - 0.5) + direct. |T| is at most 1/3 in the first case and always 10/11 in the second."""
+    opened = SampledSystem(*np.reshape([0.5, 1.0, gain, direct], (4, 1, 1)), 0.1, ("x",), ("u",), ("y",))
+    feedback = opened.C / (1.0 + opened.D)
+    closed = replace(
+        opened,
+        A=opened.A - opened.B @ feedback,
+        B=opened.B / (1.0 + opened.D),
+        C=-feedback,
+        D=1.0 / (1.0 + opened.D),
+        inputs=("injection.0",),
+        outputs=("injected.0",),
+    )
+    assert periodic_margins(lifted([closed] * num_ticks)).bandwidth == expected
+    assert margins_of(opened).bandwidth == expected
 
 
 def test_margins_of_all_signals_of_a_periodic_loop_agree(slow_camera):

@@ -101,7 +101,7 @@ def mutants_of(text: str) -> list[Mutant]:
     source, starts, mutants = text.encode(), [0], []
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
-    for node, parent, lines, declared in _visited(ast.parse(text)):
+    for node, parent, lines, declared in _visit_nodes(ast.parse(text)):
         for kind, new in _changes(node, parent):
             first, last = starts[node.lineno - 1], starts[node.end_lineno]
             begin, end = first + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
@@ -122,7 +122,7 @@ def _in_one_line(text: bytes) -> str:
     return " ".join(text.decode().split())
 
 
-def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
+def _visit_nodes(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
     """Yield each node that may change, its parent, the lines that it affects, and whether it runs at import."""
     pending: list[tuple[ast.AST, ast.AST, range, bool]] = [(node, module, range(0), True) for node in module.body]
     while pending:
@@ -141,7 +141,7 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
         for field, value in ast.iter_fields(node):
             if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
                 continue
-            if _is_the_rest_of_a_shape(node, parent):
+            if _is_inferred_dimension(node, parent):
                 continue
             inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
             for index, child in enumerate(value if isinstance(value, list) else [value]):
@@ -173,7 +173,7 @@ def _name(call: ast.Call) -> str:
     return call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
 
 
-def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
+def _is_inferred_dimension(node: ast.AST, parent: ast.AST) -> bool:
     """Return whether a node is -1 in a call of reshape, where NumPy accepts any negative number."""
     called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
     return called and isinstance(node, ast.UnaryOp)
@@ -230,7 +230,7 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
         case ast.Tuple(elements) | ast.List(elements) if not _has_fixed_order(
             parent
         ) and not _have_equal_initial_values(node, parent):
-            for swapped in _swapped(elements):
+            for swapped in _neighbour_swaps(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
             yield "statement", ast.Pass()
@@ -256,16 +256,16 @@ def _changes_of_call(
         yield from (("condition", argument) for argument in arguments[1:])
     if name in _FUNCTIONS_WITH_FIXED_ARGUMENT_ORDER:
         return
-    for swapped in _swapped(arguments):
+    for swapped in _neighbour_swaps(arguments):
         yield "order", ast.Call(function, swapped, keywords)
     significant = [keyword for keyword in keywords if keyword.arg not in _CHECK_ARGUMENTS | _APPEARANCE_ARGUMENTS]
     others = [keyword for keyword in keywords if keyword.arg in _CHECK_ARGUMENTS | _APPEARANCE_ARGUMENTS]
-    for values in _swapped([keyword.value for keyword in significant]):
+    for values in _neighbour_swaps([keyword.value for keyword in significant]):
         exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(significant, values, strict=True)]
         yield "order", ast.Call(function, arguments, exchanged + others)
 
 
-def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
+def _neighbour_swaps(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
     """Yield copies of a list, each with two neighbouring items of the same type exchanged."""
     for i, (first, second) in enumerate(pairwise(nodes)):
         if type(first) is type(second) and ast.dump(first) != ast.dump(second) and not _is_text(first):

@@ -229,7 +229,7 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
     below = []
     for package in (*packages, "all"):
         count, alive, unlisted = (
-            sum(package in (package_of(file), "all") for file, *_ in found) for found in (results, survived, holes)
+            sum(package in (package_of(file), "all") for file, *_ in result) for result in (results, survived, holes)
         )
         killed = count - alive
         score = killed / (killed + unlisted) if killed + unlisted else 1.0

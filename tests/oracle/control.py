@@ -379,7 +379,7 @@ class Controller:
             signals["disturbance"] = disturbance
             u = u - disturbance
             self.estimator.remember(u, correction, learned, fed_forward)
-        thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
+        thrust, attitude, rates, accelerations = self.thrust_vectoring(u, measured, reference)
         if self.parameters.attitude is None:
             command = {"attitude_target": np.array([thrust, *attitude, *rates])}
         else:
@@ -395,7 +395,7 @@ class Controller:
             **signals,
         }
 
-    def vectored(self, u, measured, reference):
+    def thrust_vectoring(self, u, measured, reference):
         """Return thrust, attitude, body rates and angular accelerations by eq (7), for any yaw and within limits."""
         mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.parameters.thrust_vectoring
         geometric = self.parameters.attitude is not None and self.parameters.attitude.kind == "geometric"
@@ -416,11 +416,11 @@ class Controller:
         order = ("none", "acceleration", "jerk", "snap").index(self.parameters.position.feed_forward)
         jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
         attitude = np.array([roll, pitch, reference["yaw"]])
-        rates, accelerations = flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
+        rates, accelerations = flatness(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
         if is_zxy:
             axes = zxy_axes(heading @ [forward, left, up], yaw)
             attitude = angles_near(axes, yaw)
-            rates, accelerations = zxy_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
+            rates, accelerations = zxy_flatness(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
         if order < 3:
             accelerations = np.zeros(3)
         if geometric:
@@ -468,7 +468,7 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
     return -J @ (k_p * e_R) - J @ (k_d * e_Omega) + cross(Omega, J @ Omega) - J @ follow
 
 
-def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+def flatness(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     """Return body rates and angular accelerations, given jerk and snap of F z_B and the yaw rate.
 
     p and q follow from ż_B = q x_B - p y_B, and their derivatives from the derivative of this equation. r and its
@@ -513,7 +513,7 @@ def angles_near(axes, yaw):
     return np.array([roll, pitch, yaw + math.remainder(axes_yaw - yaw, math.tau)])
 
 
-def zxy_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+def zxy_flatness(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     """Return body rates and angular accelerations like `flat`, for the Euler sequence zxy: y_B is normal to x_C.
 
     r and its derivative follow from y_B·x_C = 0, differentiated once and twice.

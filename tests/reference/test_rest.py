@@ -45,7 +45,7 @@ def test_every_kind_of_route_is_tested_here():
     assert {route["kind"] for route in ROUTES.values()} == ROUTE_KINDS.members.keys()
 
 
-def planned(route):
+def plan_of(route):
     return plan_route(load_scenario("figure_eight", {"route": route}))
 
 
@@ -58,7 +58,7 @@ def reference_at(plan, time):
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
 def test_the_reference_is_at_rest_before_and_after_every_route(route):
-    plan = planned(route)
+    plan = plan_of(route)
     start, end = plan.path.times[[0, -1]]
     end_position = plan.extended_path.waypoints[-1]
     for time in (plan.rest_time + 1e-9, plan.rest_time + 0.7, 100.0):
@@ -75,7 +75,7 @@ def test_the_reference_is_at_rest_before_and_after_every_route(route):
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
 def test_the_snap_is_the_lowest_derivative_that_jumps_at_the_end_of_a_route(route):
-    plan = planned(route)
+    plan = plan_of(route)
     for time in {plan.path.times[-1], plan.rest_time}:
         before, after = reference_at(plan, time - 1e-7), reference_at(plan, time + 1e-7)
         np.testing.assert_allclose(before[0], after[0], atol=1e-5)
@@ -84,7 +84,7 @@ def test_the_snap_is_the_lowest_derivative_that_jumps_at_the_end_of_a_route(rout
 
 @pytest.mark.parametrize("name", ["Lissajous", "end in motion", "knots in steady flight"])
 def test_braking_stays_within_the_speed_and_acceleration_of_the_route(name):
-    plan = planned(ROUTES[name])
+    plan = plan_of(ROUTES[name])
     assert plan.brakes
     assert peak_norm(plan.extended_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
     assert peak_norm(plan.extended_path, 2) <= max(peak_norm(plan.path, 2), 0.7) * (1.0 + 1e-6)
@@ -104,14 +104,14 @@ def test_braking_from_steady_motion_is_the_minimum_snap_motion():
 
 
 def test_there_is_no_braking_after_a_path_that_ends_at_rest():
-    assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # a yaw acceleration at the end does not require braking
-    assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
-    assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
+    assert not plan_of(ROUTES["figure eight"]).brakes
+    assert not plan_of(ROUTES["circle"]).brakes  # a yaw acceleration at the end does not require braking
+    assert moves_at_end(plan_of(ROUTES["Lissajous"]).path, 4)
+    assert not moves_at_end(plan_of(ROUTES["Lissajous"]).yaw, 2)
 
 
 def test_a_plan_that_ends_in_motion_brakes_identically_after_saving_and_loading():
-    plan = planned(ROUTES["turning pieces"])
+    plan = plan_of(ROUTES["turning pieces"])
     rows = np.array([[3.0, *plan.path.coefficients[0].T.flatten()]])
     assert rows.shape == (1, 25)
     loaded_plan = pieces_to_plan(

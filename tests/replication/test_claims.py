@@ -10,9 +10,9 @@ import scipy
 from invented_experiment import invented_experiment, metrics_of, paper_scenario
 
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.baseline_comparison import fair_entries, write_fair
 from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_fraction
 from drake_quad.replication.effort import effort_matches, published_ratios, published_scatter, write_efforts
-from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, select_cells
@@ -36,7 +36,7 @@ WIND_NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high w
 
 
 @pytest.fixture(scope="module")
-def found():
+def experiment():
     return invented_experiment(NUM_SAMPLES)
 
 
@@ -86,11 +86,11 @@ def relative_reduction(values, baseline):
     return difference_from(fieller(values, baseline), 1.0)
 
 
-def ratio_of_cells(found, wind, name, other_name, metric="rmse", other_wind=None):
+def ratio_of_cells(experiment, wind, name, other_name, metric="rmse", other_wind=None):
     """Return the ratio of the means of two cells."""
     return fieller(
         *(
-            getattr(found.cells[Cell(*cell)].metrics, metric)
+            getattr(experiment.cells[Cell(*cell)].metrics, metric)
             for cell in ((wind, name), (other_wind or wind, other_name))
         )
     )
@@ -111,26 +111,26 @@ def rows_at(sweep, number, exponents, rows):
     return errors(sweep)[indices]
 
 
-def test_the_committed_claims_are_current(found):
+def test_the_committed_claims_are_current(experiment):
     with (DOCS / "claims.csv").open(encoding="utf-8") as file:
         committed = list(csv.DictReader(file))
-    claims = all_claims(found)
+    claims = all_claims(experiment)
     assert [claim.statement for claim in claims] == [row["claim"] for row in committed]
     for name in ("printed", "rule", "figure"):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
 
-def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
-    half, without_wind, *_ = all_claims(found)
+def test_claims_about_reductions_relative_to_the_pd_are_judged(experiment):
+    half, without_wind, *_ = all_claims(experiment)
     reductions = {
-        (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd"), 1.0)
+        (wind, name): difference_from(ratio_of_cells(experiment, wind, name, "pd"), 1.0)
         for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     over_slope = {}
     for wind in WIND_NAMES:
-        baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
-        over_slope[wind] = [relative_reduction(row, baseline) for row in found.slopes[wind].metrics.rmse]
+        baseline = experiment.cells[Cell(wind, "pd")].metrics.rmse[1:4]
+        over_slope[wind] = [relative_reduction(row, baseline) for row in experiment.slopes[wind].metrics.rmse]
     best = max((each for reductions in over_slope.values() for each in reductions), key=lambda each: each[0])
     assert half.evidence == (
         f"reductions of {least_to_most(reductions.values())} over winds and exponents; at most {per_cent(best)} with"
@@ -143,7 +143,7 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     # with other values of λ.
     assert half.verdict == "holds in part"
     type_2_reduction, *other_reductions = (
-        difference_from(ratio_of_cells(found, "no_wind", name, "pd"), 1.0)
+        difference_from(ratio_of_cells(experiment, "no_wind", name, "pd"), 1.0)
         for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
@@ -153,15 +153,15 @@ def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     )
 
 
-def test_claims_about_type_2_and_type_1_are_judged(found):
-    _, _, type_2, wider, *_ = all_claims(found)
+def test_claims_about_type_2_and_type_1_are_judged(experiment):
+    _, _, type_2, wider, *_ = all_claims(experiment)
     gains = {
-        (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd_t1fnn"), 1.0)
+        (wind, name): difference_from(ratio_of_cells(experiment, wind, name, "pd_t1fnn"), 1.0)
         for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
-    for number, sweep, count in (("noise", found.noise, len(NOISE_LEVELS)), ("q", found.q, len(Q_VALUES))):
+    for number, sweep, count in (("noise", experiment.noise, len(NOISE_LEVELS)), ("q", experiment.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
         both_widths = (
             [
@@ -179,7 +179,9 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
     )
     assert type_2.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
     assert type_2.verdict == "holds"
-    narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
+    narrow, wide = (
+        rows_at(experiment.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide")
+    )
     larger = [difference_from(relative_reduction(*pair)) for pair in zip(wide, narrow, strict=True)]
     # The weights are the partial derivatives of w₀ / n₀ - w / n with respect to the four means (delta method).
     errors_of_four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
@@ -200,17 +202,17 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
     )
 
 
-def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
-    _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
-    pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
-    reduction = difference_from(ratio_of_cells(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
+def test_claims_about_peaks_pd_output_and_effort_are_judged(experiment):
+    _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(experiment)
+    pd, network = (interval(experiment.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
+    reduction = difference_from(ratio_of_cells(experiment, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
     assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(reduction)}"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
-        first = found.cells[Cell(wind, "pd_t1fnn")].metrics.peak_error
+        first = experiment.cells[Cell(wind, "pd_t1fnn")].metrics.peak_error
         for name in ("pd_t2fnn", "pd_t2fnn_wide"):
-            differences[wind, name] = interval(found.cells[Cell(wind, name)].metrics.peak_error - first)
+            differences[wind, name] = interval(experiment.cells[Cell(wind, name)].metrics.peak_error - first)
 
     def millimetres(length):
         return Interval(*length).text(unit="mm", size=1e-3, signed=True)
@@ -223,7 +225,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
 
     fades, returns = (
         {
-            (wind, name): interval(found.recorded[Cell(wind, name)][measure])
+            (wind, name): interval(experiment.recorded[Cell(wind, name)][measure])
             for wind in WIND_NAMES
             for name in ("pd", "pd_t2fnn")
         }
@@ -245,7 +247,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     )
 
     fractions = {
-        (wind, name, axis): ratio_of_cells(found, wind, name, "pd", f"effort_{axis}")
+        (wind, name, axis): ratio_of_cells(experiment, wind, name, "pd", f"effort_{axis}")
         for wind in WIND_NAMES
         for name in NETWORKS
         for axis in "xy"
@@ -257,7 +259,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     assert effort.verdict == "does not hold"
 
     rises = {
-        (wind, name): ratio_of_cells(found, wind, name, name, other_wind="no_wind") - 1.0
+        (wind, name): ratio_of_cells(experiment, wind, name, name, other_wind="no_wind") - 1.0
         for name in CONTROLLERS
         for wind in ("low_wind", "high_wind")
     }
@@ -266,9 +268,9 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     assert windy.verdict == "holds in part"
 
 
-def test_claims_about_gains_are_judged(found):
-    *_, legs, circle = all_claims(found)
-    straight, curved, swing = found.legs.metrics
+def test_claims_about_gains_are_judged(experiment):
+    *_, legs, circle = all_claims(experiment)
+    straight, curved, swing = experiment.legs.metrics
     # The third pair of gains is excluded, because a sample crashed on a straight line with it.
     on_straight = min((0, 1, 3, 4, 5), key=lambda index: sum(straight[index, :8]))
     on_curved = min(range(6), key=lambda index: sum(curved[index, :8]))
@@ -283,13 +285,13 @@ def test_claims_about_gains_are_judged(found):
         " for curves as with the gains for straight lines"
     )
     finite_errors = [
-        [column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")
+        [column[np.isfinite(column)] for column in errors(experiment.maps[name]).T] for name in ("pd", "pd_t2fnn")
     ]
     fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in finite_errors]
     typical = [interval([np.median(column) / column.min() for column in columns]) for columns in finite_errors]
     best = [interval([column.min() for column in columns]) for columns in finite_errors]
     crashing = [
-        sum(np.isfinite(row).any() for row in found.maps[name].metrics.crash_time) for name in ("pd", "pd_t2fnn")
+        sum(np.isfinite(row).any() for row in experiment.maps[name].metrics.crash_time) for name in ("pd", "pd_t2fnn")
     ]
     assert crashing[0] != crashing[1]
     assert circle.evidence == (
@@ -304,25 +306,25 @@ def test_claims_about_gains_are_judged(found):
         " the network, the fraction of gains within 20 % of the smallest error is larger by"
         f" {per_cent(interval(fraction[1] - fraction[0]))}"
     )
-    np.testing.assert_allclose(near_best_fraction(found.maps["pd"]), fraction[0])
-    np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
+    np.testing.assert_allclose(near_best_fraction(experiment.maps["pd"]), fraction[0])
+    np.testing.assert_allclose(interval(median_to_best_ratio(experiment.maps["pd"])), typical[0])
 
 
-def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
-    entries = fair_entries(found)
+def test_controllers_are_compared_with_both_baselines_in_the_same_wind(experiment):
+    entries = fair_entries(experiment)
     compared = ["pd", "pd_t2fnn", *FAIR_CONTROLLERS]
     assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in WIND_NAMES for name in compared]
     for entry in entries:
         wind, name = entry.cell
         for metric in ("rmse", "peak_error", "effort_x", "effort_y"):
             np.testing.assert_allclose(
-                getattr(entry, metric), interval(getattr(found.cells[entry.cell].metrics, metric))
+                getattr(entry, metric), interval(getattr(experiment.cells[entry.cell].metrics, metric))
             )
-        np.testing.assert_allclose(entry.over_pd, ratio_of_cells(found, wind, name, "pd"), atol=1e-12)
-        np.testing.assert_allclose(entry.over_network, ratio_of_cells(found, wind, name, "pd_t2fnn"), atol=1e-12)
+        np.testing.assert_allclose(entry.over_pd, ratio_of_cells(experiment, wind, name, "pd"), atol=1e-12)
+        np.testing.assert_allclose(entry.over_network, ratio_of_cells(experiment, wind, name, "pd_t2fnn"), atol=1e-12)
 
 
-def test_effort_ratios_are_compared_with_the_printed_ratios(found):
+def test_effort_ratios_are_compared_with_the_printed_ratios(experiment):
     with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
@@ -351,13 +353,14 @@ def test_effort_ratios_are_compared_with_the_printed_ratios(found):
     variance = np.mean([np.sum((runs - runs.mean()) ** 2) / 2.0 for runs in logs["x"] + logs["y"]])
     assert published_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
 
-    matches = {match.name: match for match in effort_matches(found)}
+    matches = {match.name: match for match in effort_matches(experiment)}
     assert list(matches) == sorted(matches, key=lambda name: matches[name].distance.value)
     for name in EFFORTS:
         fractions = np.array(
             [
                 [
-                    found.recorded[cell][f"{name}_{axis}"] / found.recorded[Cell(cell.wind, "pd")][f"{name}_{axis}"]
+                    experiment.recorded[cell][f"{name}_{axis}"]
+                    / experiment.recorded[Cell(cell.wind, "pd")][f"{name}_{axis}"]
                     for axis in "xy"
                 ]
                 for cell in cells
@@ -371,8 +374,8 @@ def test_effort_ratios_are_compared_with_the_printed_ratios(found):
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
-def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
-    cells = dict(found.cells)
+def test_table_ii_is_compared_with_the_printed_table(experiment, tmp_path):
+    cells = dict(experiment.cells)
     crashed = cells[Cell("low_wind", "pd")]
     crash_time = np.where(np.arange(NUM_SAMPLES) == 1, 2.0, np.inf)
     cells[Cell("low_wind", "pd")] = replace(crashed, metrics=crashed.metrics._replace(crash_time=crash_time))
@@ -421,8 +424,8 @@ def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
     )
 
 
-def test_files_contain_the_comparison_with_other_controllers_and_the_effort_ratios(found, tmp_path):
-    entries, matches = fair_entries(found), effort_matches(found)
+def test_files_contain_the_comparison_with_other_controllers_and_the_effort_ratios(experiment, tmp_path):
+    entries, matches = fair_entries(experiment), effort_matches(experiment)
     with write_fair(tmp_path / "fair.csv", entries).open(encoding="utf-8") as file:
         for row, entry in zip(csv.DictReader(file), entries, strict=True):
             assert (row["wind"], row["controller"]) == entry.cell
@@ -526,8 +529,8 @@ def in_wind(rmse):
     ],
 )  # fmt: skip
 def test_a_verdict_changes_at_the_threshold_of_its_rule(claim, numbers, verdict):
-    (found,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
-    assert found.verdict == verdict
+    (experiment,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
+    assert experiment.verdict == verdict
 
 
 @pytest.mark.slow
@@ -545,8 +548,8 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     rows = np.ones((3, 2, 4))
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
     rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
-    experiment = experiment_of_ones()
-    *_, legs, _ = all_claims(replace(experiment, legs=replace(experiment.legs, metrics=LegMetrics(*rows))))
+    ones = experiment_of_ones()
+    *_, legs, _ = all_claims(replace(ones, legs=replace(ones.legs, metrics=LegMetrics(*rows))))
     assert legs.verdict == verdict
 
 
@@ -556,14 +559,14 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
 )
 def test_the_claim_that_any_stabilising_gains_suffice_requires_more_than_half_of_the_gains(pd, network, verdict):
     """Two of the four gains are nearly as good as the best: `pd` for the PD alone, and `network` for PD+T2FNN."""
-    experiment = experiment_of_ones()
+    ones = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}
     for name, num_good in (("pd", pd), ("pd_t2fnn", network)):
         rmse = np.where(np.arange(4)[:, np.newaxis] < num_good, 1.0, 1.3) * np.ones((4, 3))
         metrics = Metrics(**{field: np.full((4, 3), np.inf) for field in Metrics._fields})._replace(rmse=rmse)
         maps[name] = Sweep(gains, np.arange(3), metrics)
-    *_, circle = all_claims(replace(experiment, maps=maps))
+    *_, circle = all_claims(replace(ones, maps=maps))
     assert circle.verdict == verdict
 
 

@@ -58,7 +58,7 @@ def test_recorded_samples_equal_single_flights():
 
 def test_settings_in_a_fleet_give_the_same_error_as_overrides_of_the_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
-    found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
+    result = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
     overrides = [
         f"laboratory.motion_capture.position_noise={noise}",
@@ -66,22 +66,22 @@ def test_settings_in_a_fleet_give_the_same_error_as_overrides_of_the_scenario():
         f"control.network.a2={a2}",
     ]
     single_metrics = simulate(scenario("no_wind_pd_t2fnn", *overrides), sample=3, compiled=False).metrics
-    assert found.rmse.shape == (2, 2)
-    assert found.rmse[1, 1] == pytest.approx(single_metrics.rmse, rel=1e-9)
+    assert result.rmse.shape == (2, 2)
+    assert result.rmse[1, 1] == pytest.approx(single_metrics.rmse, rel=1e-9)
 
 
 def test_exponents_of_one_give_the_type_1_network():
     settings = {name: values[:1] for name, values in Q_SETTINGS.items()}
     assert (settings["a1"][0], settings["a2"][0]) == (1.0, 1.0)
-    found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
-    assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
+    result = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
+    assert result.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
 
 
 def test_gains_apply_to_both_horizontal_axes():
     settings = {name: values[[7]] for name, values in gain_settings(4).items()}
-    found = fly_settings(scenario("no_wind_pd"), settings, [1])
+    result = fly_settings(scenario("no_wind_pd"), settings, [1])
     gains = [f"{POSITION}.{name}.{axis}={settings[name][0]}" for name in ("k_p", "k_d") for axis in (0, 1)]
-    assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
+    assert result.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
 
 
 def test_every_leg_except_the_rise_is_listed_as_straight_or_curved():
@@ -199,18 +199,18 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
         return LegMetrics(rows, rows + 1000.0, rows + 2000.0)
 
     def plans(sizes):
-        found = {name: plan._replace(fly=fly_settings, max_vehicles=12) for name, plan in sweep_plans(sizes).items()}
-        return found | {"legs": found["legs"]._replace(fly=fly_legs)}
+        result = {name: plan._replace(fly=fly_settings, max_vehicles=12) for name, plan in sweep_plans(sizes).items()}
+        return result | {"legs": result["legs"]._replace(fly=fly_legs)}
 
     for name, function in {"_fly_cell": fly_cell, "_record_cell": record_cell, "sweep_plans": plans}.items():
         monkeypatch.setattr(experiment, name, function)
     old_file = tmp_path / "cells" / "no_wind_pd" / "old"
     old_file.parent.mkdir(parents=True)
     old_file.touch()
-    found = fly_experiment(
+    result = fly_experiment(
         lambda cell: cell.scenario, sizes, tmp_path, compiled=False, progress=lambda *each: progress_calls.append(each)
     )
-    assert found == {cell: f"flight of {cell.scenario}" for cell in select_cells(CONTROLLERS)}
+    assert result == {cell: f"flight of {cell.scenario}" for cell in select_cells(CONTROLLERS)}
     assert cells == {
         f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}")
         for wind in WINDS

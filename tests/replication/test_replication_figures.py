@@ -11,8 +11,8 @@ from matplotlib.colors import to_hex
 from drake_quad import load_scenario, simulate
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.replication import figures
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES
@@ -29,14 +29,14 @@ def load(cell, overrides=()):
 
 
 @pytest.fixture(scope="module")
-def found():
-    found = invented_experiment(NUM_SAMPLES, crashes=0.1)
-    for sweep in found.maps.values():
+def experiment():
+    experiment = invented_experiment(NUM_SAMPLES, crashes=0.1)
+    for sweep in experiment.maps.values():
         sweep.metrics.crash_time[:] = np.inf
     scatter = np.random.default_rng(7).uniform(0.9, 1.1, 4)
-    found.maps["pd"].metrics.rmse[:] = np.outer([0.2, 0.1, 0.4, 0.15, 0.8, 9.0], scatter)
-    found.maps["pd"].metrics.crash_time[2, 3] = 4.0
-    return found
+    experiment.maps["pd"].metrics.rmse[:] = np.outer([0.2, 0.1, 0.4, 0.15, 0.8, 9.0], scatter)
+    experiment.maps["pd"].metrics.crash_time[2, 3] = 4.0
+    return experiment
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def flights():
     return flown | {crashed: replace(full_flight, time=full_flight.time[:200], signals=signals)}
 
 
-def marked(axes, marker):
+def points_with_marker(axes, marker):
     """Return the points of each line with a marker."""
     return [line.get_xydata() for line in axes.lines if line.get_marker() == marker]
 
@@ -62,9 +62,9 @@ def legend_of(figure):
 
 
 @pytest.mark.long
-def test_figures_are_in_the_order_of_the_report(found, flights):
+def test_figures_are_in_the_order_of_the_report(experiment, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
-    drawn_figures = dict(figures.paper_figures(found, every))
+    drawn_figures = dict(figures.paper_figures(experiment, every))
     assert list(drawn_figures) == [*CAPTIONS]
     for number, wind in ((9, "no_wind"), (10, "low_wind"), (11, "high_wind")):
         error = drawn_figures[f"figure_{number}"].axes[0].lines[0].get_ydata()
@@ -93,15 +93,15 @@ def test_figures_are_in_the_order_of_the_report(found, flights):
         assert len(legend_of(figure)) >= 2
 
 
-def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_results(found):
-    figure = figures.table_figure(found)
+def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_results(experiment):
+    figure = figures.table_figure(experiment)
     for axes, (wind, words) in zip(figure.axes, WINDS.items(), strict=True):
         assert axes.get_title(loc="left") == words
         assert [text.get_text() for text in axes.get_yticklabels()] == list(CONTROLLERS.values())
-        our_means, bars = marked(axes, "D"), [line for line in axes.lines if line.get_alpha()]
-        runs, means = iter(marked(axes, "o")), iter(marked(axes, "s"))
+        our_means, bars = points_with_marker(axes, "D"), [line for line in axes.lines if line.get_alpha()]
+        runs, means = iter(points_with_marker(axes, "o")), iter(points_with_marker(axes, "s"))
         for row, name in enumerate(CONTROLLERS):
-            errors = values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")
+            errors = values_without_crashes(experiment.cells[Cell(wind, name)].metrics, "rmse")
             np.testing.assert_allclose(our_means[row], [[errors.mean(), row + 0.17]])
             low, high = np.sort(errors)[0], np.sort(errors)[-1]
             (x_low, y), (x_high, _) = bars[row].get_xydata()
@@ -255,14 +255,14 @@ def test_commands_of_pd_and_network_add_up_to_the_command(flights):
         assert (pd.get_label(), network.get_label()) == (r"PD, $\tau_c$", r"network, $-\tau_f$")
 
 
-def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(found):
-    figure = figures.fair_figure(found)
+def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(experiment):
+    figure = figures.fair_figure(experiment)
     (axes,) = figure.axes
     heights = []
     for container, (wind, words) in zip(axes.containers, WINDS.items(), strict=True):
         assert container.get_label() == words
         for row, (name, bar) in enumerate(zip(COMPARED_CONTROLLERS, container, strict=True)):
-            mean = mean_interval(values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")).value
+            mean = mean_interval(values_without_crashes(experiment.cells[Cell(wind, name)].metrics, "rmse")).value
             assert bar.get_width() == pytest.approx(mean)
             heights.append((bar.get_y() + 0.5 * bar.get_height() - row, bar.get_height()))
             (text,) = (
@@ -283,9 +283,9 @@ def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(found):
     assert len({to_hex(color) for color in colors}) == 3
 
 
-def test_advantages_of_type_2_are_shown_with_their_intervals(found):
-    figure = figures.advantage_figure(found)
-    sweeps = (("noise", found.noise, NOISE_LEVELS, 1000.0), ("q", found.q, Q_VALUES, 1.0))
+def test_advantages_of_type_2_are_shown_with_their_intervals(experiment):
+    figure = figures.advantage_figure(experiment)
+    sweeps = (("noise", experiment.noise, NOISE_LEVELS, 1000.0), ("q", experiment.q, Q_VALUES, 1.0))
     for axes, (number, sweep, values, size) in zip(figure.axes, sweeps, strict=True):
         for container, name in zip(axes.containers, ("pd_t2fnn", "pd_t2fnn_wide"), strict=True):
             gains = [advantage(sweep, number, value, name) for value in values]
@@ -304,10 +304,10 @@ def test_advantages_of_type_2_are_shown_with_their_intervals(found):
     assert left.yaxis.get_major_formatter()(0.05, 0).startswith("5")
 
 
-def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
-    figure = figures.gain_figure(found)
+def test_the_map_of_gains_is_grey_where_a_sample_crashes(experiment):
+    figure = figures.gain_figure(experiment)
     *maps, bar = figure.axes
-    rmse = found.maps["pd"].metrics.rmse.mean(axis=1).reshape(3, 2)
+    rmse = experiment.maps["pd"].metrics.rmse.mean(axis=1).reshape(3, 2)
     rmse[1, 0] = np.nan
     for axes, name in zip(maps, ("pd", "pd_t2fnn"), strict=True):
         shades = axes.collections[0]
@@ -337,22 +337,22 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()
 
 
-def test_panels_share_their_axes(found, flights):
+def test_panels_share_their_axes(experiment, flights):
     grid = figures.figure_4().axes
     for figure, x, y in (
         (grid, True, True),
-        (figures.table_figure(found).axes, True, False),
+        (figures.table_figure(experiment).axes, True, False),
         (figures.FLIGHT_FIGURES["figure_11"](flights).axes, True, False),
-        (figures.advantage_figure(found).axes, False, True),
-        (figures.gain_figure(found).axes[:2], False, True),
+        (figures.advantage_figure(experiment).axes, False, True),
+        (figures.gain_figure(experiment).axes[:2], False, True),
     ):
         for one, other in pairwise(figure):
             assert one.get_shared_x_axes().joined(one, other) == x
             assert one.get_shared_y_axes().joined(one, other) == y
 
 
-def test_bars_end_within_their_axis(found):
-    (axes,) = figures.fair_figure(found).axes
+def test_bars_end_within_their_axis(experiment):
+    (axes,) = figures.fair_figure(experiment).axes
     longest = max(bar.get_width() for container in axes.containers for bar in container)
     assert 1.05 * longest < axes.get_xlim()[1] < 1.4 * longest
 

@@ -25,11 +25,11 @@ def written_report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("paper")
     (folder / "figures").mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report_module, "paper_figures", lambda found, flights: ())
+        patch.setattr(report_module, "paper_figures", lambda result, flights: ())
         for name in CAPTIONS:
             (folder / "figures" / f"{name}.png").write_bytes(name.encode())
-        found = invented_experiment()
-        return folder, write_report(folder, found, collect_findings(found), {})
+        result = invented_experiment()
+        return folder, write_report(folder, result, collect_findings(result), {})
 
 
 @pytest.fixture(scope="module")

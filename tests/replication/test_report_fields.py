@@ -9,9 +9,9 @@ from drake_quad import load_scenario
 from drake_quad.files import read_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import report
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.effort import EffortMatch, published_ratios, published_scatter
-from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, Runs, published_table
 from drake_quad.replication.results import Experiment, select_cells
@@ -44,8 +44,8 @@ def entries_of_table(crashed=0):
         ("high_wind", "pd_t1fnn"): (NAN, 0.7),
         ("high_wind", "pd_t2fnn"): (0.5, 0.4),
     }
-    found = [entry(cell, "rmse", *numbers, crashed) for cell, numbers in errors.items()]
-    return found + [entry(cell, name, 1.0, 3.0, 900) for cell in errors for name in ("effort_x", "effort_y")]
+    result = [entry(cell, "rmse", *numbers, crashed) for cell, numbers in errors.items()]
+    return result + [entry(cell, name, 1.0, 3.0, 900) for cell in errors for name in ("effort_x", "effort_y")]
 
 
 def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
@@ -99,8 +99,8 @@ def test_the_comparison_with_other_controllers_has_a_row_for_each_controller_and
         cell: FairEntry(cell, *(Interval(0.1 * i + j, 0.1 * i + j - 0.01, 0.1 * i + j + 0.01) for j in range(1, 7)))
         for i, cell in enumerate(cells)
     }
-    found = Experiment(cells, *[{}] * 6)
-    fields = report._fair_fields(found, [*numbers.values()])
+    result = Experiment(cells, *[{}] * 6)
+    fields = report._fair_fields(result, [*numbers.values()])
     rows = [line.strip("| ").split(" | ") for line in fields["fair"].split("\n")[2:]]
     for row, (cell, each) in zip(rows, numbers.items(), strict=True):
         over_pd, over_network = (fraction.ratio() for fraction in (each.over_pd, each.over_network))

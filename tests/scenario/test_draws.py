@@ -33,27 +33,27 @@ def points(kind, size, samples, names=("a", "b", "c"), seed=5):
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_each_replicate_has_one_number_in_each_of_its_equal_intervals(kind):
-    found = points(kind, 32, range(96)).reshape(3, 32, 3)
+    result = points(kind, 32, range(96)).reshape(3, 32, 3)
     expected = np.broadcast_to(np.arange(32)[:, None], (32, 3))
-    for replicate in found:
+    for replicate in result:
         np.testing.assert_array_equal(np.sort(np.floor(32 * replicate), axis=0), expected)
-    assert len(np.unique(found)) == found.size
+    assert len(np.unique(result)) == result.size
 
 
 def test_a_replicate_of_a_sobol_sequence_covers_pairs_of_numbers_evenly():
     """In the plane of the first two numbers, each dyadic rectangle of area 2^-k contains one of 2^k points."""
-    found = points("sobol", 64, range(64), ("a", "b"))
+    result = points("sobol", 64, range(64), ("a", "b"))
     for first in range(7):
-        cells = np.floor(found * (2**first, 2 ** (6 - first)))
+        cells = np.floor(result * (2**first, 2 ** (6 - first)))
         assert len(np.unique(cells, axis=0)) == 64
 
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_numbers_are_uniform_over_all_replicates(kind):
-    found = np.concatenate([points(kind, 4, range(400), seed=seed) for seed in range(5)])
-    for column in found.T:
+    result = np.concatenate([points(kind, 4, range(400), seed=seed) for seed in range(5)])
+    for column in result.T:
         assert scipy.stats.kstest(column, "uniform").pvalue > 0.01
-    assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 0.06
+    assert np.abs(np.corrcoef(result.T) - np.eye(3)).max() < 0.06
 
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
@@ -77,8 +77,8 @@ def test_designed_draws_have_the_distributions_and_correlations_of_the_scenario(
     designed, independent = (Batch.draw(scenario(each), range(4096)).varying for each in (kind, None))
     for name in names:
         assert scipy.stats.ks_2samp(designed[name], independent[name]).pvalue > 0.01
-    found, expected = (np.corrcoef([each[name] for name in names]) for each in (designed, independent))
-    np.testing.assert_allclose(found, expected, atol=0.05)
+    result, expected = (np.corrcoef([each[name] for name in names]) for each in (designed, independent))
+    np.testing.assert_allclose(result, expected, atol=0.05)
     assert len(coordinates(scenario(kind))) == 4
 
 

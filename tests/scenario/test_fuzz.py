@@ -130,7 +130,7 @@ def with_attitude_response(tree):
 
 
 @functools.cache
-def seeds():
+def base_scenarios():
     """Return scenarios that together contain every kind of route, wind, autopilot, controller and law, and every field.
 
     The scenarios are loaded on first use, so that the collection of tests does not load them.
@@ -244,7 +244,7 @@ def is_number(value):
 @st.composite
 def varied_trees(draw):
     """Draw a scenario in which only numbers differ, so that most scenarios can be flown."""
-    tree = copy.deepcopy(draw(st.sampled_from(seeds())))
+    tree = copy.deepcopy(draw(st.sampled_from(base_scenarios())))
     numbers = [number_path for number_path in paths_in(tree) if is_number(part_at(tree, number_path))]
     for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
         parent = part_at(tree, path[:-1])
@@ -254,7 +254,7 @@ def varied_trees(draw):
 
 @st.composite
 def mutated_trees(draw):
-    tree = copy.deepcopy(draw(st.sampled_from(seeds())))
+    tree = copy.deepcopy(draw(st.sampled_from(base_scenarios())))
     for _ in range(draw(st.integers(1, 3))):
         path = draw(st.sampled_from([place for place in paths_in(tree) if place] or [("name",)]))
         parent, last = part_at(tree, path[:-1]), path[-1]
@@ -473,7 +473,7 @@ def field_path(path):
 
 
 known_paths = st.deferred(
-    lambda: st.sampled_from([field_path(place) for seed in seeds() for place in paths_in(seed) if place])
+    lambda: st.sampled_from([field_path(place) for seed in base_scenarios() for place in paths_in(seed) if place])
 )
 odd_assignments = st.one_of(
     st.tuples(known_paths, odd_values.map(yaml_of)).map("=".join),
@@ -487,7 +487,7 @@ odd_assignments = st.one_of(
 @st.composite
 def scenarios_with_overrides(draw):
     """Draw a scenario and overrides, most of which change its numbers."""
-    tree = draw(st.sampled_from(seeds()))
+    tree = draw(st.sampled_from(base_scenarios()))
     numbers = [place for place in paths_in(tree) if is_number(part_at(tree, place))]
     overrides = []
     for place in draw(st.lists(st.sampled_from(numbers), max_size=3)):

@@ -105,9 +105,9 @@ def test_a_position_that_no_sensor_measures_has_no_stationary_error_unlike_with_
 def test_the_plant_of_a_design_has_the_exact_state_as_its_output():
     period = with_filter().laboratory.command_link.period
     exact = load_scenario("hover", {"vehicle.time_step": 0.005, "laboratory.motion_capture": {"period": period}})
-    found, expected = (laboratory_plant(each).system for each in (with_filter(), exact))
-    np.testing.assert_array_equal(found.A, expected.A)
-    np.testing.assert_array_equal(found.C, expected.C)
+    result, expected = (laboratory_plant(each).system for each in (with_filter(), exact))
+    np.testing.assert_array_equal(result.A, expected.A)
+    np.testing.assert_array_equal(result.C, expected.C)
 
 
 def test_a_sensor_that_corrects_estimates_needs_a_measurement_equation():

@@ -174,8 +174,8 @@ def check_action(kind, settings):
             commands = "attitude_target"
         assert outputs == {commands}
         assert system.GetInputPort("action").size() == 2 * kind.num_rows
-        assert len(action.hovering(setting.nominal)) == kind.num_rows
-        assert max(map(abs, action.hovering(setting.nominal))) < 1.0
+        assert len(action.hover_action(setting.nominal)) == kind.num_rows
+        assert max(map(abs, action.hover_action(setting.nominal))) < 1.0
 
 
 @for_each_member(ACTIONS)
@@ -194,7 +194,7 @@ def test_declarations_of_every_control_agree_with_its_diagram(scenario, layers):
     inputs, outputs = port_names(diagram)
     assert diagram.get_name() == "control"
     assert setting.autopilot.command in outputs
-    assert ("reference_ahead" in inputs) == bool(control.ahead())
+    assert ("reference_ahead" in inputs) == bool(control.preview_times())
     assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.user_system_paths)
     assert not control.lacks_policy()
     assert ("network" in {part.get_name() for part in diagram.GetSystems()}) == (control.network is not None)

@@ -224,10 +224,10 @@ def test_route_lengths_do_not_depend_on_earlier_legs_on_the_same_grid():
     start, low = np.array([[0.1, 0.5, 0.5]]), grid.points[:, 2] < 0.55
     for clearance, inside in ((0.1, None), (0.1, low), (0.2, None), (0.2, low), (0.1, None)):
         new_grid = Grid.of(space, bounds, max_points=10_000, min_spacing=0.1)
-        for found, expected in zip(
+        for result, expected in zip(
             grid.route_lengths(start, clearance, inside), new_grid.route_lengths(start, clearance, inside), strict=True
         ):
-            np.testing.assert_array_equal(found, expected)
+            np.testing.assert_array_equal(result, expected)
         lengths, _ = grid.route_lengths(start, clearance, inside)
         assert inside is None or (lengths[~inside] == np.inf).all()
 

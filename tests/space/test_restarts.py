@@ -16,7 +16,7 @@ from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.planner import MinimumTimeTiming, plan_path
 from drake_quad.reference.regions import Box
-from drake_quad.space.around import plan_collision_free_path, with_corridors
+from drake_quad.space.collision_free import plan_collision_free_path, with_corridors
 from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions

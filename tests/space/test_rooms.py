@@ -14,7 +14,7 @@ from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.regions import Box
-from drake_quad.space.around import plan_collision_free_path
+from drake_quad.space.collision_free import plan_collision_free_path
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
@@ -54,7 +54,7 @@ def test_the_planner_finds_a_path_through_a_random_room_unless_the_room_is_block
         np.testing.assert_allclose(path.waypoints[[0, -1]], room.endpoints, atol=1e-9)
 
 
-def walled(*solids):
+def room_with_wall(*solids):
     """Return a room that a wall divides. The wall consists of cuboids, given by centre and size."""
     obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
     space = Space(obstacles, radius=0.15, margin=0.05)
@@ -91,7 +91,7 @@ PASSAGE_TIMINGS = [
     ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
 def test_the_path_uses_the_same_opening_as_the_shortest_route(name, timing):
-    room = walled(*WALLS_WITH_OPENINGS[name])
+    room = room_with_wall(*WALLS_WITH_OPENINGS[name])
     path = plan(room, timing)
     assert keeps_clearance(room, path)
     for order, limit in LIMITS.by_order.items():

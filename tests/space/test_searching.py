@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from rooms import least_distances, random_room
-from test_rooms import plan, walled
+from test_rooms import plan, room_with_wall
 
 from drake_quad.errors import InputError
 from drake_quad.reference.planner import HeuristicTiming
@@ -38,12 +38,12 @@ def test_a_route_over_an_empty_grid_is_nearly_straight():
 
 
 def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
-    closed_room = walled(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
+    closed_room = room_with_wall(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
     begin, end = closed_room.endpoints[:1], closed_room.endpoints[1:]
     grid = grid_of(closed_room)
     lengths, predecessors = grid.route_lengths(begin, closed_room.space.clearance)
     assert grid.shortest_route(lengths, predecessors, begin, end) is None
-    door = walled(WALL_WITH_DOOR)
+    door = room_with_wall(WALL_WITH_DOOR)
     grid = grid_of(door)
     lengths, predecessors = grid.route_lengths(begin, door.space.clearance)
     route = grid.shortest_route(lengths, predecessors, begin, end)
@@ -72,7 +72,7 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
 
 
 def test_the_region_chain_covers_the_grid_route_and_the_passage_leads_through_the_door_in_a_wall():
-    room = walled(WALL_WITH_DOOR)
+    room = room_with_wall(WALL_WITH_DOOR)
     grid, (begin, end) = grid_of(room), room.endpoints[:, None]
     lengths, predecessors = grid.route_lengths(begin, room.space.clearance)
     lengths_to_end, _ = grid.route_lengths(end, room.space.clearance)
@@ -98,7 +98,7 @@ def test_the_region_chain_covers_the_grid_route_and_the_passage_leads_through_th
 def test_the_message_names_all_obstacles_that_must_be_removed():
     """Only the removal of all three consecutive walls opens a route. A box next to them is not named."""
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
-    room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
+    room = room_with_wall(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
     with pytest.raises(InputError) as refusal:
         plan(room, HeuristicTiming())
     message = str(refusal.value)

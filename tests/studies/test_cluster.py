@@ -64,10 +64,10 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    found = Cluster(tmp_path_factory.mktemp("cluster"))
-    found.add_worker()
-    yield found
-    found.end()
+    actual = Cluster(tmp_path_factory.mktemp("cluster"))
+    actual.add_worker()
+    yield actual
+    actual.end()
 
 
 def monte_carlo(address, folder, *options, command="study"):
@@ -119,7 +119,7 @@ def frozen(tmp_path_factory):
     folder = tmp_path_factory.mktemp("frozen")
     cluster = Cluster(folder)
     cluster.add_worker()
-    study = signalled(cluster, folder / "study", signal.SIGSTOP)
+    study = send_signal_during_study(cluster, folder / "study", signal.SIGSTOP)
     yield study, cluster, folder / "study"
     study.kill()
     study.communicate()
@@ -175,7 +175,7 @@ with dask_pool("{cluster.address}") as pool:
     assert (run.returncode, run.stderr) == (0, "")
 
 
-def signalled(cluster, folder, signal_number):
+def send_signal_during_study(cluster, folder, signal_number):
     """Return a study that has written some results when its scheduler receives a signal."""
     study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
     wait_for_results(study, folder)
@@ -298,4 +298,4 @@ def test_a_scheduler_that_freezes_ends_a_study(frozen):
 def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
     """This is the last test, since the others need the scheduler."""
     folder = tmp_path / "study"
-    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")
+    check_end(send_signal_during_study(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")

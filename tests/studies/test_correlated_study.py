@@ -72,14 +72,14 @@ def study_of(scenario, count, rmse):
 
 def test_a_parameter_that_is_only_correlated_with_the_cause_has_no_partial_influence(scenario):
     """The error depends on the mass. Drag is correlated with the mass by 0.81, and therefore with the error."""
-    found = {
+    result = {
         each.path: each for each in influences(study_of(scenario, 2000, lambda mass, drag, step: 50.0 * mass + step))
     }
-    assert found[DRAG].correlation.low > 0.7
-    assert abs(found[DRAG].partial.value) < 0.06
-    assert found[MASS].partial.low > 0.9
+    assert result[DRAG].correlation.low > 0.7
+    assert abs(result[DRAG].partial.value) < 0.06
+    assert result[MASS].partial.low > 0.9
     # The step is drawn independently of the other parameters, so its partial correlation equals its correlation.
-    assert found[STEP].partial == found[STEP].correlation
+    assert result[STEP].partial == result[STEP].correlation
 
 
 def test_the_plot_shows_partial_correlations(scenario):
@@ -95,13 +95,13 @@ def test_the_partial_rank_correlation_agrees_with_the_recursion_formula():
     x, y = np.exp(z + noise[0]), (z + 0.5 * noise[1]) ** 3
     r = scipy.stats.spearmanr(np.stack([x, y, z]), axis=1).statistic
     expected = (r[0, 1] - r[0, 2] * r[1, 2]) / math.sqrt((1.0 - r[0, 2] ** 2) * (1.0 - r[1, 2] ** 2))
-    found = partial_rank_correlation(x, y, z[None])
-    assert found.value == pytest.approx(expected, rel=1e-12)
+    result = partial_rank_correlation(x, y, z[None])
+    assert result.value == pytest.approx(expected, rel=1e-12)
     # The interval is that of a rank correlation (Bonett and Wright) with 499 samples instead of 500, since one variable
     # is held constant.
     half_width = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
-    assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(half_width, rel=1e-6)
-    assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(half_width, rel=1e-6)
+    assert np.arctanh(result.high) - np.arctanh(expected) == pytest.approx(half_width, rel=1e-6)
+    assert np.arctanh(expected) - np.arctanh(result.low) == pytest.approx(half_width, rel=1e-6)
     assert partial_rank_correlation(x, y, np.empty((0, 500))) == rank_correlation(x, y)
 
 

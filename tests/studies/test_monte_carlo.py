@@ -29,15 +29,15 @@ from drake_quad.studies.worker_pool import Outcome, WorkerPool, size_of_batches
 pytestmark = pytest.mark.usefixtures("package_functions")
 
 
-class Draught(LeafSystem):
+class TimeVaryingWind(LeafSystem):
     """Wind that varies with time and is equal for all vehicles."""
 
     def __init__(self, num_vehicles):
         super().__init__()
         self.num_vehicles = num_vehicles
-        self.DeclareVectorOutputPort("wind", BasicVector(3 * num_vehicles), self.blow)
+        self.DeclareVectorOutputPort("wind", BasicVector(3 * num_vehicles), self.set_velocity)
 
-    def blow(self, context, output):
+    def set_velocity(self, context, output):
         output.SetFromVector(np.repeat([np.sin(8.0 * context.get_time()), 0.5, 0.0], self.num_vehicles))
 
 
@@ -58,19 +58,19 @@ def run(folder=None, num_samples=NUM_SAMPLES, **options):
     return run_monte_carlo(study(), num_samples, 5, **{"folder": folder, "num_workers": 2, "batch_size": 5, **options})
 
 
-def assert_same(found, expected):
-    np.testing.assert_array_equal(found.samples, expected.samples)
+def assert_same(result, expected):
+    np.testing.assert_array_equal(result.samples, expected.samples)
     for name, values in expected.parameters.items():
-        np.testing.assert_allclose(found.parameters[name], values, rtol=1e-9)
-    for actual_values, expected_values in zip(found.metrics, expected.metrics, strict=True):
+        np.testing.assert_allclose(result.parameters[name], values, rtol=1e-9)
+    for actual_values, expected_values in zip(result.metrics, expected.metrics, strict=True):
         np.testing.assert_allclose(actual_values, expected_values, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
 def reference_study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    found = run(folder)
-    return folder, found
+    result = run(folder)
+    return folder, result
 
 
 @pytest.mark.long
@@ -91,12 +91,12 @@ def test_results_do_not_depend_on_batches_and_workers(reference_study, options, 
 @pytest.mark.long
 def test_a_user_s_wind_blows_in_every_worker():
     scenario = uncompiled_scenario()
-    found = run_monte_carlo(scenario, 4, 5, num_workers=2, batch_size=2, wind=Draught)
-    assert found.failures == {}
-    single_metrics = simulate(scenario, seed=5, sample=3, wind=Draught(1), compiled=False).metrics
-    assert found.metrics.rmse[3] == pytest.approx(single_metrics.rmse, rel=1e-9)
+    result = run_monte_carlo(scenario, 4, 5, num_workers=2, batch_size=2, wind=TimeVaryingWind)
+    assert result.failures == {}
+    single_metrics = simulate(scenario, seed=5, sample=3, wind=TimeVaryingWind(1), compiled=False).metrics
+    assert result.metrics.rmse[3] == pytest.approx(single_metrics.rmse, rel=1e-9)
     calm = simulate(scenario, seed=5, sample=3).metrics
-    assert found.metrics.rmse[3] != pytest.approx(calm.rmse, rel=1e-6)
+    assert result.metrics.rmse[3] != pytest.approx(calm.rmse, rel=1e-6)
 
 
 def test_a_function_that_workers_cannot_import_is_refused_before_anything_is_written(tmp_path):
@@ -135,31 +135,31 @@ def test_a_study_read_from_its_folder_equals_the_flown_one(reference_study):
 def test_a_resumed_study_can_have_more_samples(reference_study, tmp_path):
     progress_calls = []
     run(tmp_path, num_samples=9)
-    found = run(tmp_path, resume=True, progress=lambda done, total: progress_calls.append((done, total)))
+    result = run(tmp_path, resume=True, progress=lambda done, total: progress_calls.append((done, total)))
     assert (tmp_path / "results.csv").read_bytes() == (reference_study[0] / "results.csv").read_bytes()
     assert progress_calls[0] == (9, NUM_SAMPLES)
     assert progress_calls[-1] == (NUM_SAMPLES, NUM_SAMPLES)
-    assert found.simulated_time == pytest.approx(reference_study[1].flight_time[9:].sum())
+    assert result.simulated_time == pytest.approx(reference_study[1].flight_time[9:].sum())
     assert run(tmp_path, resume=True).simulated_time == 0.0
 
 
-def children(pid):
+def child_processes(pid):
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def runs(pid):
+def is_running(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     except (FileNotFoundError, ProcessLookupError):
         return False
 
 
-def dies_at(folder, count):
+def killing_progress(folder, count):
     """Return a progress function that prints the worker processes and kills its own process after some samples."""
 
     def progress(done, _):
         if done >= count:
-            (folder / f"workers_at_{count}").write_text(" ".join(map(str, children(os.getpid()))))
+            (folder / f"workers_at_{count}").write_text(" ".join(map(str, child_processes(os.getpid()))))
             os.kill(os.getpid(), signal.SIGKILL)
 
     return progress
@@ -172,7 +172,7 @@ def test_a_killed_study_can_be_resumed_at_any_row(reference_study, tmp_path):
     context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
     path, flown = folder / "results.csv", set()
     for count in (0, 1, 8, 24):
-        options = {"resume": True, "batch_size": 2, "progress": dies_at(tmp_path, count)}
+        options = {"resume": True, "batch_size": 2, "progress": killing_progress(tmp_path, count)}
         process = context.Process(target=run, args=(folder,), kwargs=options)
         process.start()
         process.join()
@@ -182,7 +182,7 @@ def test_a_killed_study_can_be_resumed_at_any_row(reference_study, tmp_path):
         assert set(flown) >= set(flown_before)
         workers = [int(worker) for worker in (tmp_path / f"workers_at_{count}").read_text().split()]
         assert workers or len(flown_before) == count
-        assert _within_a_minute(lambda: not any(map(runs, workers)))  # noqa: B023
+        assert _within_a_minute(lambda: not any(map(is_running, workers)))  # noqa: B023
     run(folder, resume=True)
     for name in ("results.csv", "scenario.yaml", "study.yaml"):
         assert (folder / name).read_bytes() == (reference_study[0] / name).read_bytes()
@@ -229,9 +229,9 @@ class FailingFlights:
 @pytest.mark.parametrize("failure", ["raises", "dies"])
 def test_a_batch_that_fails_once_is_flown_again(reference_study, failure, tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "fly_batch", FailingFlights(tmp_path, failure, 1))
-    found = run()
-    assert_same(found, reference_study[1])
-    assert not found.failures
+    result = run()
+    assert_same(result, reference_study[1])
+    assert not result.failures
 
 
 @pytest.mark.long
@@ -245,10 +245,10 @@ def test_a_sample_that_always_fails_does_not_affect_the_others(reference_study, 
     attempts.mkdir()
     with monkeypatch.context() as patch:
         patch.setattr(run_module, "fly_batch", FailingFlights(attempts, failure, 99))
-        found = run(folder)
+        result = run(folder)
     assert len(list(attempts.iterdir())) == 3
-    assert found.failures == {7: reason}
-    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, NUM_SAMPLES)])
+    assert result.failures == {7: reason}
+    np.testing.assert_array_equal(result.samples, [*range(7), *range(8, NUM_SAMPLES)])
     assert (folder / "failed.csv").read_text() == f"sample,reason\n7,{reason}\n"
     run(folder, resume=True)
     assert (folder / "results.csv").read_bytes() == (reference_study[0] / "results.csv").read_bytes()
@@ -294,9 +294,9 @@ def test_altered_rows_are_detected_and_flown_again(reference_study, alter, tmp_p
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match=r"results\.csv:4: the row was altered"):
         read_study(tmp_path)
-    found = run(tmp_path, resume=True)
-    assert list(found.invalid_lines) == [4]
-    assert found.simulated_time == pytest.approx(reference_study[1].flight_time[2])
+    result = run(tmp_path, resume=True)
+    assert list(result.invalid_lines) == [4]
+    assert result.simulated_time == pytest.approx(reference_study[1].flight_time[2])
     assert path.read_bytes() == (reference_study[0] / "results.csv").read_bytes()
     assert not read_study(tmp_path).invalid_lines
 
@@ -442,9 +442,9 @@ def test_workers_are_spawned_where_a_fork_is_not_safe():
 
 
 def test_a_scenario_without_distributions_can_be_studied(tmp_path):
-    found = run_monte_carlo(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.3"]), 6, folder=tmp_path)
-    assert not found.parameters
-    assert len(np.unique(found.metrics.rmse)) == 6
+    result = run_monte_carlo(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.3"]), 6, folder=tmp_path)
+    assert not result.parameters
+    assert len(np.unique(result.metrics.rmse)) == 6
     assert (tmp_path / "results.csv").read_text().startswith("sample,rmse,")
 
 
@@ -549,7 +549,7 @@ def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False
     rows[:, 1] = np.nan
     rows[:, study_columns(study()).index("crashed")] = 0.0
     pool = PoolWithGivenOutcome(Outcome([0], rows, reason, invalid_input, in_user_code))
-    user_systems = UserSystems(position_controller=Draught, wind=Draught)
+    user_systems = UserSystems(position_controller=TimeVaryingWind, wind=TimeVaryingWind)
     run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, user_systems, True))
     return pool
 
@@ -609,7 +609,7 @@ def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(reference_study, 
     assert prepared == [5]
     assert fleets == {}
     run(tmp_path, num_samples=7, resume=True)
-    run_monte_carlo(uncompiled_scenario(), 2, 5, num_workers=2, batch_size=5, wind=Draught)
+    run_monte_carlo(uncompiled_scenario(), 2, 5, num_workers=2, batch_size=5, wind=TimeVaryingWind)
     with ThreadPoolExecutor(1) as executor:
         run(num_samples=2, executor=executor)
     monkeypatch.setattr(Workers, "forks_workers", False)
@@ -666,11 +666,11 @@ def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
 @pytest.mark.slow
 def test_a_study_without_any_flown_sample_states_the_reason(tmp_path):
     with pytest.raises(RuntimeError, match=r"no sample can be flown; sample 0: .*broken.*; 0 of 3 samples are in"):
-        run(tmp_path, num_samples=3, wind=broken)
+        run(tmp_path, num_samples=3, wind=failing_wind)
     assert len((tmp_path / "failed.csv").read_text().splitlines()) == 1 + 3
 
 
-def broken(num_vehicles):
+def failing_wind(num_vehicles):
     raise ArithmeticError("broken")
 
 
@@ -678,21 +678,21 @@ def broken(num_vehicles):
 @pytest.mark.parametrize("kind", ["latin_hypercube", "sobol"])
 def test_latin_hypercube_and_sobol_draws_do_not_depend_on_batches_workers_or_interruptions(kind, tmp_path):
     options = {"num_samples": 40, "draws": kind}
-    found = run(tmp_path, **options)
-    assert found.scenario.draws.size == 2
-    assert len({*found.replicates.indices}) == 20
+    result = run(tmp_path, **options)
+    assert result.scenario.draws.size == 2
+    assert len({*result.replicates.indices}) == 20
     content = (tmp_path / "results.csv").read_bytes()
     with ThreadPoolExecutor(1) as executor:
         other_study = run(executor=executor, num_workers=1, batch_size=3, **options)
-    np.testing.assert_array_equal(other_study.metrics, found.metrics)
+    np.testing.assert_array_equal(other_study.metrics, result.metrics)
     (tmp_path / "results.csv").write_bytes(b"".join(content.splitlines(keepends=True)[:12]))
     resumed = run(tmp_path, resume=True, **options)
     assert (tmp_path / "results.csv").read_bytes() == content
-    assert 0.0 < resumed.simulated_time < found.simulated_time
+    assert 0.0 < resumed.simulated_time < result.simulated_time
     # The scenario in the folder reproduces the flight of a sample.
     single_flight = simulate(load_scenario(tmp_path / "scenario.yaml"), sample=33)
-    assert single_flight.metrics.rmse == pytest.approx(found.metrics.rmse[33], rel=1e-9)
-    assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
+    assert single_flight.metrics.rmse == pytest.approx(result.metrics.rmse[33], rel=1e-9)
+    assert read_study(tmp_path).replicates.indices.tolist() == result.replicates.indices.tolist()
 
 
 @pytest.mark.long

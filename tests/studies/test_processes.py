@@ -33,9 +33,9 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch):
-    found = Clock()
-    monkeypatch.setattr(processes, "time", found)
-    return found
+    result = Clock()
+    monkeypatch.setattr(processes, "time", result)
+    return result
 
 
 def submit_and_wait(workers, function, argument):
@@ -48,7 +48,7 @@ def process_number(_):
     return os.getpid()
 
 
-def meet(folder):
+def wait_for_other_process(folder):
     """Create a file, and wait for a file of another process."""
     (folder / str(os.getpid())).touch()
     while len(list(folder.iterdir())) < 2:
@@ -56,16 +56,16 @@ def meet(folder):
     return os.getpid()
 
 
-def hang(_):
+def run_forever(_):
     while True:
         time.sleep(0.01)
 
 
-def leave(status):
+def exit_process(status):
     os._exit(status)
 
 
-def settings(_):
+def signal_handler_and_freeze_count(_):
     return signal.getsignal(signal.SIGINT), gc.get_freeze_count()
 
 
@@ -73,10 +73,10 @@ class Unreadable:
     """Object that can be pickled but not unpickled."""
 
     def __reduce__(self):
-        return leave_unread, ("the sheet is torn",)
+        return fail_to_load, ("the sheet is torn",)
 
 
-def leave_unread(words):
+def fail_to_load(words):
     raise ArithmeticError(words)
 
 
@@ -150,7 +150,7 @@ def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
         ((_, second_pid, *_),) = submit_and_wait(workers, process_number, None)
         assert first_pid == second_pid != os.getpid()
         for _ in range(2):
-            workers.submit(meet, tmp_path)
+            workers.submit(wait_for_other_process, tmp_path)
         outcomes = workers.next_outcomes()
         while len(outcomes) < 2:
             outcomes += workers.next_outcomes()
@@ -191,7 +191,7 @@ def test_the_wait_ends_at_the_first_deadline(monkeypatch):
 
 def test_abandoning_tasks_keeps_idle_processes():
     with Workers(2) as workers:
-        workers.submit(hang, 1)
+        workers.submit(run_forever, 1)
         ((argument, *_),) = submit_and_wait(workers, process_number, 2)
         assert argument == 2
         busy, idle = (worker.process for worker in workers._workers)
@@ -205,7 +205,7 @@ def test_the_time_limit_starts_when_the_process_is_ready(clock):
     worker = _Worker(10.0)
     try:
         assert worker.time_left == math.inf
-        worker.submit(hang, "given")
+        worker.submit(run_forever, "given")
         assert worker.time_left == 10.0
         clock.now = 54.0
         assert worker.time_left == 6.0
@@ -227,7 +227,7 @@ def test_the_time_limit_starts_when_the_process_is_ready(clock):
 def test_without_a_time_limit_a_task_never_times_out(clock):
     worker = _Worker(None)
     try:
-        worker.submit(hang, None)
+        worker.submit(run_forever, None)
         clock.now = 1e9
         assert (worker.time_left, worker.outcome()) == (math.inf, None)
     finally:
@@ -236,7 +236,9 @@ def test_without_a_time_limit_a_task_never_times_out(clock):
 
 def test_a_process_that_ends_fails_only_its_task():
     with Workers(1, time_limit=20.0) as workers:
-        assert submit_and_wait(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
+        assert submit_and_wait(workers, exit_process, 7) == [
+            Outcome(7, reason="the worker process ended with exit status 7")
+        ]
         (outcome,) = submit_and_wait(workers, process_number, None)
         assert outcome.reason == ""
 
@@ -271,7 +273,7 @@ def test_a_task_that_cannot_be_unpickled_fails_and_the_process_continues():
 
 def test_a_worker_ignores_ctrl_c_and_excludes_inherited_objects_from_garbage_collection():
     with Workers(1, time_limit=20.0) as workers:
-        ((_, (handler, frozen), *_),) = submit_and_wait(workers, settings, None)
+        ((_, (handler, frozen), *_),) = submit_and_wait(workers, signal_handler_and_freeze_count, None)
     assert handler == signal.SIG_IGN
     assert frozen > gc.get_freeze_count()
     assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
@@ -313,14 +315,14 @@ def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
 def start_endless_task(file):
     """Start a worker with an endless task, and write the process number of the worker to a file."""
     with Workers(1) as workers:
-        workers.submit(hang, None)
+        workers.submit(run_forever, None)
         assert workers._workers[0]._pipe.poll(20.0)
         file.with_suffix(".part").write_text(str(workers._workers[0].process.pid))
         file.with_suffix(".part").rename(file)
         workers.next_outcomes()
 
 
-def ends(pid):
+def ends_within_ten_seconds(pid):
     """Return True if a process ends within ten seconds."""
     for _ in range(1000):
         try:
@@ -340,4 +342,4 @@ def test_a_busy_process_ends_with_its_parent(tmp_path):
         time.sleep(0.005)
     parent.kill()
     parent.join()
-    assert ends(int(file.read_text()))
+    assert ends_within_ten_seconds(int(file.read_text()))

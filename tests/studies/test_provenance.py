@@ -31,12 +31,12 @@ def module(tmp_path, monkeypatch):
 
 
 def test_provenance_has_versions_and_a_digest():
-    found = provenance()
-    assert list(found) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
-    assert found["python"] == ".".join(map(str, sys.version_info[:3]))
-    assert found["numpy"] == np.__version__
-    assert len(found["sources"]) == 16
-    assert int(found["sources"], 16) >= 0
+    result = provenance()
+    assert list(result) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
+    assert result["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert result["numpy"] == np.__version__
+    assert len(result["sources"]) == 16
+    assert int(result["sources"], 16) >= 0
 
 
 def test_a_digest_depends_on_names_and_contents_of_files(module):
@@ -74,9 +74,9 @@ def test_a_digest_follows_the_contents_of_a_file(module):
 def test_a_module_that_is_not_loaded_is_imported_for_its_digest(module):
     """This is the situation in a worker that knows only the name of the module."""
     make = module("ours")
-    found = source_digest([make])
+    result = source_digest([make])
     del sys.modules["ours"]
-    assert source_digest([make]) == found
+    assert source_digest([make]) == result
 
 
 def test_functions_without_a_file_or_of_the_main_script_are_ignored(module, monkeypatch):

@@ -26,10 +26,10 @@ def write(path, rows=ROWS, form=ROW_FORMAT):
 def test_rows_are_read_as_they_were_written(tmp_path):
     path = tmp_path / "results.csv"
     assert len(write(path).rows) == 0
-    found = read_results(path, ROW_FORMAT)
-    np.testing.assert_allclose(found.rows, ROWS, rtol=1e-11)
-    np.testing.assert_array_equal(found.lines, [2, 3, 4])
-    assert found.invalid_lines == []
+    result = read_results(path, ROW_FORMAT)
+    np.testing.assert_allclose(result.rows, ROWS, rtol=1e-11)
+    np.testing.assert_array_equal(result.lines, [2, 3, 4])
+    assert result.invalid_lines == []
     lines = path.read_text().splitlines()
     assert lines[0] == "sample,vehicle.mass,rmse,crash_time,crashed,checksum"
     assert lines[2].startswith("1,0.7,,4.02,1,")
@@ -45,8 +45,8 @@ def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
     length = data.draw(st.integers(0, len(content)))
     path.write_bytes(content[:length])
     left = max(content[:length].count(b"\n") - 1, 0)
-    with open_results(path, ROW_FORMAT) as (file, found):
-        np.testing.assert_array_equal(found.rows[:, 0], ROWS[:left, 0])
+    with open_results(path, ROW_FORMAT) as (file, result):
+        np.testing.assert_array_equal(result.rows[:, 0], ROWS[:left, 0])
         file.append(ROWS[left:])
     assert path.read_bytes() == content
 
@@ -66,9 +66,9 @@ def test_any_alteration_of_a_row_is_detected(tmp_path, data):
     lines[row] = line[:position] + new + line[position + length :]
     assume(lines[row] != line)
     path.write_bytes(b"\n".join(lines))
-    found = read_results(path, ROW_FORMAT)
-    assert found.invalid_lines == [row + 1]
-    np.testing.assert_array_equal(found.rows[:, 0], np.delete(ROWS[:, 0], row - 1))
+    result = read_results(path, ROW_FORMAT)
+    assert result.invalid_lines == [row + 1]
+    np.testing.assert_array_equal(result.rows[:, 0], np.delete(ROWS[:, 0], row - 1))
 
 
 def test_foreign_and_repeated_rows_are_ignored(tmp_path):
@@ -78,9 +78,9 @@ def test_foreign_and_repeated_rows_are_ignored(tmp_path):
     foreign_rows = (tmp_path / "other.csv").read_bytes().split(b"\n", 1)[1]
     repeated_row = path.read_bytes().splitlines(keepends=True)[1]
     path.write_bytes(path.read_bytes() + foreign_rows + repeated_row)
-    found = read_results(path, ROW_FORMAT)
-    np.testing.assert_array_equal(found.rows[:, 0], ROWS[:, 0])
-    assert found.invalid_lines == [5]
+    result = read_results(path, ROW_FORMAT)
+    np.testing.assert_array_equal(result.rows[:, 0], ROWS[:, 0])
+    assert result.invalid_lines == [5]
 
 
 def test_rewriting_a_results_file_does_not_change_it(tmp_path):
@@ -138,7 +138,7 @@ def test_partial_writes_are_completed(tmp_path):
     """A write may accept only a part of the data, as on a network drive."""
     path = tmp_path / "results.csv"
 
-    class Slow:
+    class FileWithPartialWrites:
         def __init__(self, file):
             self.file = file
 
@@ -150,7 +150,7 @@ def test_partial_writes_are_completed(tmp_path):
 
     with path.open("a+b", buffering=0) as file:
         file.write(ROW_FORMAT.header)
-        ResultsFile(path, ROW_FORMAT, Slow(file)).append(ROWS)
+        ResultsFile(path, ROW_FORMAT, FileWithPartialWrites(file)).append(ROWS)
     assert path.read_bytes() == ROW_FORMAT.header + ROW_FORMAT.text(ROWS)
 
 
@@ -158,6 +158,6 @@ def test_a_file_with_only_a_header_has_no_rows(tmp_path):
     path = tmp_path / "results.csv"
     for content in (b"", ROW_FORMAT.header[:9], ROW_FORMAT.header):
         path.write_bytes(content)
-        with open_results(path, ROW_FORMAT) as (_, found):
-            assert (found.rows.shape, found.lines.tolist(), found.invalid_lines) == ((0, 5), [], [])
+        with open_results(path, ROW_FORMAT) as (_, result):
+            assert (result.rows.shape, result.lines.tolist(), result.invalid_lines) == ((0, 5), [], [])
         assert path.read_bytes() == ROW_FORMAT.header

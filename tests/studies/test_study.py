@@ -90,9 +90,9 @@ def test_drawn_values_are_checked_to_the_precision_of_the_results_file(two_masse
     rows = study_rows(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12
     rows[1, 2] *= 1.0 - 5e-11
-    found = check_draws(two_masses, StoredRows(rows, np.array([2, 3, 5]), [4], 99))
-    assert found.rows[:, 0].tolist() == [4.0, 2.0]
-    assert (found.lines.tolist(), found.invalid_lines, found.end) == ([2, 5], [4, 3], 99)
+    result = check_draws(two_masses, StoredRows(rows, np.array([2, 3, 5]), [4], 99))
+    assert result.rows[:, 0].tolist() == [4.0, 2.0]
+    assert (result.lines.tolist(), result.invalid_lines, result.end) == ([2, 5], [4, 3], 99)
     no_rows = StoredRows(rows[:0], np.array([], dtype=int), [2], 9)
     assert check_draws(two_masses, no_rows) is no_rows
 

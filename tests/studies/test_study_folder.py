@@ -52,8 +52,8 @@ def test_a_sample_counts_as_present_whatever_its_values(hover):
 
 
 def test_flown_time_counts_new_samples_until_end_or_crash(hover):
-    found = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
-    rows = StudyRows(hover, 5, 2.0, stored=found)
+    result = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
+    rows = StudyRows(hover, 5, 2.0, stored=result)
     assert (len(rows), [*rows.missing(5)], rows.study().simulated_time) == (1, [0, 2, 3, 4], 0.0)
     rows.add(Outcome([0, 4], table([0, 4], crash_time=0.75)))
     rows.add(Outcome([2], table([2])))

@@ -134,8 +134,8 @@ def test_a_study_is_read_from_its_folder_and_from_any_file_in_it(folders, file):
 def test_a_study_is_read_from_its_parent_folder_if_this_contains_no_other_study(folders, tmp_path):
     (tmp_path / "alone").symlink_to(folders / "pd")
     (tmp_path / "notes").mkdir()
-    found = read_study(tmp_path)
-    assert found.samples.tolist() == [0, 1]
+    result = read_study(tmp_path)
+    assert result.samples.tolist() == [0, 1]
     assert [*read_studies(tmp_path)] == ["alone"]
 
 
@@ -145,8 +145,8 @@ def test_samples_that_could_not_be_flown_are_read(folders):
 
 
 def test_read_studies_names_each_study_after_its_folder(folders):
-    found = read_studies(folders)
-    assert {name: study.scenario.seed for name, study in found.items()} == {"indi": 1, "pd": 0}
+    result = read_studies(folders)
+    assert {name: study.scenario.seed for name, study in result.items()} == {"indi": 1, "pd": 0}
     assert [*read_studies(folders / "pd")] == ["pd"]
     with pytest.raises(
         InputError, match="contains 2 studies, indi, pd; read one of these folders, or read all .* read_studies"

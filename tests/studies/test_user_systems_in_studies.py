@@ -113,10 +113,10 @@ def run(**options):
 
 @pytest.mark.long
 def test_a_user_s_controller_gives_each_sample_the_same_result_in_a_study_and_in_a_single_flight():
-    found = run(position_controller=UserController)
+    result = run(position_controller=UserController)
     single_metrics = simulate(study(), seed=5, sample=6, position_controller=UserController(1)).metrics
-    np.testing.assert_allclose([values[6] for values in found.metrics], single_metrics, rtol=1e-9)
-    assert not found.failures
+    np.testing.assert_allclose([values[6] for values in result.metrics], single_metrics, rtol=1e-9)
+    assert not result.failures
 
 
 @pytest.mark.long
@@ -148,8 +148,8 @@ def test_a_system_whose_code_fails_is_refused_with_its_file_and_line(tmp_path):
 
 @pytest.mark.long
 def test_code_that_fails_after_the_trial_fails_its_batch_but_not_the_study():
-    found = run(position_controller=functools.partial(RaisingController, largest=3))
-    assert not found.failures
+    result = run(position_controller=functools.partial(RaisingController, largest=3))
+    assert not result.failures
 
 
 @pytest.mark.long
@@ -169,9 +169,9 @@ def LeafSystemOf(num_vehicles):
 @pytest.mark.long
 def test_system_exit_fails_a_batch_but_not_the_study():
     """The batches of four fail, but their halves fly."""
-    found, expected = run(position_controller=ExitingController), run(position_controller=UserController)
-    assert not found.failures
-    np.testing.assert_allclose(found.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
+    result, expected = run(position_controller=ExitingController), run(position_controller=UserController)
+    assert not result.failures
+    np.testing.assert_allclose(result.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
 
 
 def run_interruptible(**options):
@@ -217,9 +217,9 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
     monkeypatch.setattr(workers_module, "time", Clock)
     monkeypatch.setattr(workers_module, "wait", lambda waitables, _: connection.wait(waitables, 0.05))
     maker = functools.partial(HangingController, file=file)
-    found = run(position_controller=maker, num_workers=1, time_limit=500.0)
-    assert not found.failures
-    np.testing.assert_allclose(found.metrics.rmse, run(position_controller=UserController).metrics.rmse, rtol=1e-12)
+    result = run(position_controller=maker, num_workers=1, time_limit=500.0)
+    assert not result.failures
+    np.testing.assert_allclose(result.metrics.rmse, run(position_controller=UserController).metrics.rmse, rtol=1e-12)
 
 
 def test_a_time_limit_cannot_be_combined_with_an_executor():

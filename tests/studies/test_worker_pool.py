@@ -81,7 +81,7 @@ def invalid_input(samples):
     raise InputError(f"samples {[*samples]} are not allowed")
 
 
-def leaving(samples):
+def exit_program(samples):
     raise SystemExit(3)
 
 
@@ -102,7 +102,7 @@ def test_invalid_input_in_a_sample_ends_the_study(make):
 )
 def test_a_task_that_raises_system_exit_is_reported_as_failed(make):
     pool = make()
-    (outcome,) = fly_batches(pool, leaving, [[4]])
+    (outcome,) = fly_batches(pool, exit_program, [[4]])
     assert (outcome.argument, outcome.result) == ([4], None)
     # The fixture `package_functions` is not active in a new process, where file and line precede the message.
     assert re.fullmatch(r"(\S*test_worker_pool\.py:\d+: )?SystemExit: 3", outcome.reason)
@@ -124,10 +124,10 @@ def test_a_given_executor_flies_all_batches():
 
 
 def test_the_reason_for_a_failure_is_shortened_to_one_line():
-    def complain(samples):
+    def fail(samples):
         raise ValueError("many\nlines " + "and words " * 100)
 
-    outcome = run_task(complain, [0])
+    outcome = run_task(fail, [0])
     assert outcome.reason.startswith("ValueError: many lines and words and words")
     assert len(outcome.reason) <= 303
     assert outcome.reason.endswith("...")
@@ -135,19 +135,19 @@ def test_the_reason_for_a_failure_is_shortened_to_one_line():
 
 @pytest.mark.parametrize(("length", "expected_length"), [(288, 300), (289, 303)])
 def test_the_reason_for_a_failure_is_shortened_only_beyond_300_characters(length, expected_length):
-    def complain(samples):
+    def fail(samples):
         raise ValueError("x" * length)
 
-    outcome = run_task(complain, [0])
+    outcome = run_task(fail, [0])
     assert len(outcome.reason) == expected_length
     assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
 
 
 def test_an_error_without_a_message_is_described_by_its_name():
-    def complain(samples):
+    def fail(samples):
         raise ArithmeticError
 
-    assert run_task(complain, [4]) == Outcome([4], reason="ArithmeticError")
+    assert run_task(fail, [4]) == Outcome([4], reason="ArithmeticError")
 
 
 def test_ctrl_c_is_not_an_outcome():
@@ -164,7 +164,7 @@ def test_an_executor_has_one_queued_task_per_worker():
 
 
 def test_a_dying_worker_of_an_executor_fails_its_task():
-    class Dying(Executor):
+    class DyingExecutor(Executor):
         def submit(self, function, /, *arguments):
             future = Future()
             if arguments[1] == [2]:
@@ -173,7 +173,7 @@ def test_a_dying_worker_of_an_executor_fails_its_task():
                 future.set_result(function(*arguments))
             return future
 
-    pool = ExecutorPool(Dying(), 1)
+    pool = ExecutorPool(DyingExecutor(), 1)
     outcomes = list(fly_batches(pool, len, [[1], [2], [3]]))
     reasons = sorted((outcome.argument, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
     assert reasons == [([2], None, "OSError: its worker is gone")]
@@ -221,9 +221,9 @@ def sleep_for_ever(samples):
 def test_the_reason_for_a_failure_in_the_user_s_code_begins_with_file_and_line(monkeypatch, kind):
     monkeypatch.setattr(user_code, "_LIBRARIES", ())
 
-    def complain(samples):
+    def fail(samples):
         raise kind("bad")
 
-    outcome = run_task(complain, [4])
+    outcome = run_task(fail, [4])
     assert re.fullmatch(r".*test_worker_pool\.py:\d+: (ArithmeticError: )?bad", outcome.reason)
     assert outcome.in_user_code or outcome.invalid_input

@@ -58,7 +58,8 @@ def test_a_vehicle_of_a_fleet_that_cannot_produce_every_wrench_is_reported():
 def test_a_fleet_in_which_one_vehicle_has_all_rotors_at_the_centre_is_reported():
     arm = np.array([0.2, 0.0])
     positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert explain_missing_wrench(layout_of(positions)) == "roll and pitch torque, since all its rotors are at the centre"
+    expected = "roll and pitch torque, since all its rotors are at the centre"
+    assert explain_missing_wrench(layout_of(positions)) == expected
 
 
 def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():

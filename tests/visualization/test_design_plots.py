@@ -107,8 +107,8 @@ def test_a_root_locus_contains_the_poles_of_the_closed_loop(design):
 
     def poles(factor):
         """Return the poles in continuous time, without those of delays, which have no continuous counterpart."""
-        found = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
-        return np.log(found[np.abs(found) > 1e-6].astype(complex)) / plant.period
+        result = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
+        return np.log(result[np.abs(result) > 1e-6].astype(complex)) / plant.period
 
     limit = 10.0 ** (loop.margins.gain / 20.0)
     marked = [line for line in axes.lines if line.get_marker() in "xso" and line.get_linestyle() == "None"]
@@ -188,8 +188,8 @@ def drawn_map(panels, first, second, marked=(3.0, 2.0)):
 
 @pytest.mark.long
 def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
-    found, first, second, rmse, crashed = panels
-    figure = drawn_map(found, first, second)
+    result, first, second, rmse, crashed = panels
+    figure = drawn_map(result, first, second)
     left, right, bar = figure.axes
     for axes, factor in ((left, 1.0), (right, 4.0)):
         (image,) = axes.images
@@ -210,13 +210,13 @@ def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     assert named == ["stability limit", "damping ratio ζ", "delay margin", "gains of the scenario", "crashed"]
     assert figure.get_suptitle() == "Gains of the position loop: simulated flights as colours, linear model as lines"
-    outside = drawn_map(found, first, second, marked=(0.5, 2.0)).axes[0]
+    outside = drawn_map(result, first, second, marked=(0.5, 2.0)).axes[0]
     assert not outside.lines
 
 
 def test_contours_of_a_map_show_stability_limit_damping_and_delay_margin(panels):
-    found, first, second, *_ = panels
-    axes = drawn_map(found, first, second).axes[0]
+    result, first, second, *_ = panels
+    axes = drawn_map(result, first, second).axes[0]
     edge, damping, delay = [each for each in axes.collections if hasattr(each, "levels")]
     for path in edge.get_paths():
         for k_d, k_p in path.vertices:
@@ -232,13 +232,13 @@ def test_contours_of_a_map_show_stability_limit_damping_and_delay_margin(panels)
     labels = [text.get_text() for text in axes.texts]
     assert {"ζ 0.4", "80 ms"} <= set(labels)
     # A map has no stability limit if all gains are stable.
-    stable = [found[0]._replace(linear=found[0].linear._replace(size=np.full((9, 13), 0.9)))]
+    stable = [result[0]._replace(linear=result[0].linear._replace(size=np.full((9, 13), 0.9)))]
     assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
 
 
 def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
-    found, first, second, *_ = panels
-    figure = drawn_map(found[:1], first, second)
+    result, first, second, *_ = panels
+    figure = drawn_map(result[:1], first, second)
     figure.draw_without_rendering()
     axes = figure.axes[0]
     inside = axes.get_window_extent()
@@ -257,15 +257,15 @@ def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
 
 
 def test_the_colour_scale_of_a_map_has_a_positive_width_if_all_errors_are_equal_or_tiny(panels):
-    found, first, second, *_ = panels
-    zero = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
+    result, first, second, *_ = panels
+    zero = [result[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.01, 0.02))
-    crash = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
+    crash = [result[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
     image = drawn_map(crash, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((1.0, 2.0))
     wide = [
-        found[0]._replace(simulated=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))
+        result[0]._replace(simulated=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))
     ]
     image = drawn_map(wide, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.1, 3.0))
@@ -275,8 +275,8 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     fields = ("a", "b", "c", "d")
     values = np.array([2.0, 0.5, 0.0, 4.0])
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
-    found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
-    (axes,) = plot_sensitivities(found, "rmse").axes
+    result = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
+    (axes,) = plot_sensitivities(result, "rmse").axes
     # The largest bar is at the top. A field that is zero and a metric without a derivative have no bar.
     assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.5, -2.5])
@@ -285,8 +285,8 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     reference = new_figure(1.0, 1.0).subplots().bar([0, 1], [1, 1], color=[VERMILION, BLUE])
     assert colors == [bar.get_facecolor() for bar in reference]
     assert axes.get_title() == "Sensitivities of RMSE"
-    (empty_axes,) = plot_sensitivities(found, "effort_x").axes
-    mine = dataclasses.replace(found, metrics={"my_metric": 0.4}, gradients={"my_metric": gradients["rmse"]})
+    (empty_axes,) = plot_sensitivities(result, "effort_x").axes
+    mine = dataclasses.replace(result, metrics={"my_metric": 0.4}, gradients={"my_metric": gradients["rmse"]})
     assert plot_sensitivities(mine, "my_metric").axes[0].get_title() == "Sensitivities of my metric"
     assert not empty_axes.patches
     assert empty_axes.texts[0].get_text() == "no field changes the metric to first order"
@@ -425,9 +425,9 @@ def test_obstacles_are_drawn_as_projections():
     assert [text.get_text() for text in above.texts] == ["post", "ball"]
     assert above.texts[0].get_position() == pytest.approx((1.0, 1.7))
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0]])
-    found = convex_hull(square)
-    assert sorted(map(tuple, found.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    x, y = found.T
+    result = convex_hull(square)
+    assert sorted(map(tuple, result.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    x, y = result.T
     assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) == pytest.approx(1.0)
     solid = new_figure(3.0, 3.0).add_subplot(projection="3d")
     corners = draw_solids(solid, space)

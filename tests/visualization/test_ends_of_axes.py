@@ -233,9 +233,9 @@ def identification(*units, fraction=0.9):
     ],
 )
 def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, unit_label):
-    found = identification(unit)
-    left, right = identification_plots.plot_fit(found).axes
-    output = found.outputs[0]
+    result = identification(unit)
+    left, right = identification_plots.plot_fit(result).axes
+    output = result.outputs[0]
     assert left.get_ylabel() == f"angular\nvelocity about\nx\n({unit_label})"
     np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[0])
     np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[0])

@@ -242,11 +242,11 @@ def test_prediction_errors_have_intervals_and_are_side_by_side():
     assert (first.get_xscale(), first.get_yscale()) == ("log", "log")
     for axes, quantity, factor in ((first, "attitude", np.degrees(1.0)), (second, "velocity", 1.0)):
         for i, (vehicle, container) in enumerate(zip(("one", "other"), axes.containers, strict=True)):
-            found = [predictions.rmse(quantity, vehicle, horizon) for horizon in (0.1, 0.5)]
+            result = [predictions.rmse(quantity, vehicle, horizon) for horizon in (0.1, 0.5)]
             x, y = container.lines[0].get_xydata().T
             np.testing.assert_allclose(x, np.array([0.1, 0.5]) * (1.0 + 0.03 * (i - 0.5)))
-            np.testing.assert_allclose(y, [factor * each.value for each in found])
-            for each, segment in zip(found, container.lines[2][0].get_segments(), strict=True):
+            np.testing.assert_allclose(y, [factor * each.value for each in result])
+            for each, segment in zip(result, container.lines[2][0].get_segments(), strict=True):
                 np.testing.assert_allclose(segment[:, 1], [factor * each.low, factor * each.high])
     assert first.get_ylabel() == "RMS error of attitude (°)"
     assert second.get_ylabel() == "RMS error of velocity (m/s)"

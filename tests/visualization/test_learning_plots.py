@@ -127,10 +127,10 @@ def test_a_secant_gain_is_the_change_of_the_output_divided_by_the_error(flight):
     weights = np.random.default_rng(2).normal(size=9)
     errors = (0.002, 0.03)
     own_gains, triangular_gains = plots.secant_gains(sets, weights, errors)
-    for found, each in ((own_gains, sets), (triangular_gains, sets._replace(a1=1.0, a2=1.0))):
+    for result, each in ((own_gains, sets), (triangular_gains, sets._replace(a1=1.0, a2=1.0))):
         at_rest = network_output(each, weights, np.zeros(1), np.zeros(1))
         expected = [(network_output(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
-        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        np.testing.assert_allclose(result, expected, rtol=1e-6)
     figure = plots.plot_secant_gains(flight)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "network of the flight",

@@ -36,9 +36,9 @@ class Page:
 
 @pytest.fixture
 def page(monkeypatch):
-    found = Page()
+    result = Page()
     monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", NullVisualizer)
-    return found
+    return result
 
 
 class NullVisualizer:

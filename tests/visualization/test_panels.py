@@ -60,8 +60,8 @@ def test_panels_of_flights_and_networks_share_their_axes(hover, learned):
 @pytest.mark.long
 def test_panels_of_designs_and_logs_share_their_axes(design, panels, compared):  # noqa: F811
     check_shared_axes(design_plots.plot_bode(design), 2, 2, x="col", y="row")
-    found, first, second, *_ = panels
-    check_shared_axes(drawn_map(found, first, second), 1, 2, x="", y="all")
+    result, first, second, *_ = panels
+    check_shared_axes(drawn_map(result, first, second), 1, 2, x="", y="all")
     check_shared_axes(plot_log_comparison(compared), 3, 2, x="all", y="")
     check_shared_axes(identification_plots.plot_fit(identification("m", "rad")), 2, 2, x="all", y="")
     flights = {"calm": {"a": study().metrics}, "gale": {"a": study().metrics}}
@@ -139,21 +139,23 @@ def test_the_plot_of_a_plan_fills_its_figure_and_shows_the_clearance_of_obstacle
 
 @pytest.mark.long
 def test_a_star_marks_the_gains_of_the_scenario_if_they_are_on_the_map(panels):  # noqa: F811
-    found, first, second, *_ = panels
+    result, first, second, *_ = panels
     k_p, k_d = (first[0], first[-1]), (second[0], second[-1])
     inside = [(a, b) for a in k_p for b in k_d]
     beyond = [(k_p[0] - 0.1, 2.0), (k_p[1] + 0.1, 2.0), (3.0, k_d[0] - 0.1), (3.0, k_d[1] + 0.1)]
     for positions, count in ((inside, 1), (beyond, 0)):
         for position in positions:
             stars = [
-                line for line in drawn_map(found[:1], first, second, position).axes[0].lines if line.get_marker() == "*"
+                line
+                for line in drawn_map(result[:1], first, second, position).axes[0].lines
+                if line.get_marker() == "*"
             ]
             assert len(stars) == count
 
 
 def test_the_edge_of_stability_is_where_a_pole_leaves_the_unit_circle(panels):  # noqa: F811
-    found, first, second, *_ = panels
-    edge, *_ = [each for each in drawn_map(found[:1], first, second).axes[0].collections if hasattr(each, "levels")]
+    result, first, second, *_ = panels
+    edge, *_ = [each for each in drawn_map(result[:1], first, second).axes[0].collections if hasattr(each, "levels")]
     assert edge.levels == [1.0]
     assert sum(len(path.vertices) for path in edge.get_paths()) > 5
 

@@ -29,7 +29,7 @@ def flight():
     return simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=8"]))
 
 
-def watched(page, folder, names, moments):
+def watch_replay(page, folder, names, moments):
     """Return the visibility, position and attitude of objects on a page at the given times of the flight (s).
 
     Also return pictures at the first and the last time. The replay starts automatically, and is resumed after the pause
@@ -68,7 +68,7 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert page.stat().st_size < 5_000_000
     names = ["figure_eight", "figure_eight/rotor_1", "figure_eight/rotor_2", "reference", "figure_eight_trail/10"]
     moments = [round(0.3 * k, 1) for k in range(1, 15)]
-    (vehicle, rotor, other_rotor, reference, trail), pictures = watched(page, tmp_path, names, moments)
+    (vehicle, rotor, other_rotor, reference, trail), pictures = watch_replay(page, tmp_path, names, moments)
     assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
     np.testing.assert_allclose(vehicle[:, 1:4], positions_at(flight, moments), atol=0.01)
     assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
@@ -93,7 +93,7 @@ def test_a_replay_can_be_opened_at_a_given_time(flight, tmp_path):
     assert position == pytest.approx(positions_at(flight, 5.0), abs=0.01)
 
 
-def opened(page, folder, fragment="#t=3.0"):
+def open_replay(page, folder, fragment="#t=3.0"):
     """Open a page in a browser, wait until the replay shows the time in the fragment (s), and return the browser."""
     browser = Browser(page, folder / "profile", fragment=fragment)
     browser.wait_for(f"document.getElementById('clock')?.textContent === '{float(fragment[3:]):.1f} s'")
@@ -139,7 +139,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
     page = save_replay({"one": flight}, tmp_path / "replay.html")
     text = page.read_text(encoding="utf-8")
     path = np.vstack([reference_points(flight.plan), positions(flight.record("state"))])
-    with opened(page, tmp_path) as browser:
+    with open_replay(page, tmp_path) as browser:
         for width, height in ((880, 560), (360, 640)):
             resize(browser, width, height)
             browser.value("reset.click()")
@@ -179,14 +179,14 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
 @needs_chromium
 def test_the_panel_shows_error_and_speed_and_a_click_on_its_plot_sets_the_time(flight, tmp_path):
     page = save_replay({"first": flight, "second": flight}, tmp_path / "replay.html")
-    with opened(page, tmp_path) as browser:
+    with open_replay(page, tmp_path) as browser:
         resize(browser, 880, 560)
         # The panel shows the values of the flight.
         tick = np.searchsorted(flight.time, 3.0 - 1e-9)
         error, speed = 100.0 * flight.euclidean_error[tick], np.linalg.norm(flight["state"][tick, 6:9])
         panel_text = browser.value("document.querySelector('#key .now').textContent")
-        found = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", panel_text)
-        assert [float(each) for each in found.groups()] == pytest.approx([error, speed], abs=0.05)
+        result = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", panel_text)
+        assert [float(each) for each in result.groups()] == pytest.approx([error, speed], abs=0.05)
         # A click on the plot sets the time of the replay. The time axis begins 44 px from the left and ends 8 px from
         # the right.
         box = browser.value("(({left, top, width}) => [left, top, width])(errors.getBoundingClientRect())")
@@ -218,7 +218,7 @@ def test_the_replay_of_a_swarm_counts_crashes_and_stops_crashed_vehicles(tmp_pat
     page = save_swarm({"all": [*flights, crash]}, tmp_path / "swarm.html")
     count = 1 + sum(bool(flight.metrics.crashed) for flight in flights)
     assert f"21 flights, {count} crashed" in page.read_text(encoding="utf-8")
-    (first, last), _ = watched(page, tmp_path, ["all/0", "all/20"], [0.5, 1.5, 2.5, 4.5])
+    (first, last), _ = watch_replay(page, tmp_path, ["all/0", "all/20"], [0.5, 1.5, 2.5, 4.5])
     assert np.ptp(first[:, 1:4], axis=0).max() > 0.3
     # A crashed vehicle stays where it is.
     assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)

@@ -71,11 +71,11 @@ def test_titles_state_the_number_of_samples():
 
 def test_estimates_converge_with_the_number_of_samples():
     """The left panel shows the mean over samples without a crash, from the tenth on; the right panel shows crashes."""
-    found = study()
-    figure = plots.plot_convergence({"one": found})
+    result = study()
+    figure = plots.plot_convergence({"one": result})
     assert legends(figure) == ["one"]
     left, right = figure.axes
-    values = found.metrics.rmse[~found.metrics.crashed]
+    values = result.metrics.rmse[~result.metrics.crashed]
     count, mean = curve(left, "one")
     np.testing.assert_array_equal(count, np.arange(10, len(values) + 1))
     np.testing.assert_allclose(mean, [values[:n].mean() for n in range(10, len(values) + 1)])
@@ -86,7 +86,7 @@ def test_estimates_converge_with_the_number_of_samples():
     sample_counts, fractions = curve(right, "one")
     assert (sample_counts[0], sample_counts[-1]) == (20.0, NUM_SAMPLES)
     assert (np.diff(sample_counts) > 0.0).all()
-    np.testing.assert_allclose(fractions, [found.metrics.crashed[: int(n)].mean() for n in sample_counts])
+    np.testing.assert_allclose(fractions, [result.metrics.crashed[: int(n)].mean() for n in sample_counts])
     assert right.get_title(loc="left") == "crashes"
     assert right.yaxis.get_major_formatter()(0.1).endswith(" %")
     for axes in (left, right):
@@ -95,10 +95,10 @@ def test_estimates_converge_with_the_number_of_samples():
 
 
 def test_the_convergence_of_a_quantile_is_shown_for_a_study_without_a_crash():
-    found = no_crash()
-    left, right = plots.plot_convergence({"one": found}, "peak_error").axes
+    result = no_crash()
+    left, right = plots.plot_convergence({"one": result}, "peak_error").axes
     sample_counts, values = curve(right, "one")
-    expected = [quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in sample_counts]
+    expected = [quantile_interval(result.metrics.peak_error[: int(n)], 0.95) for n in sample_counts]
     np.testing.assert_allclose(values, [each.value for each in expected])
     # With few samples, the quantile has no confidence interval.
     has_interval = np.isfinite([each.high for each in expected])
@@ -136,24 +136,24 @@ def test_crashes_count_as_the_smallest_values_if_larger_values_of_a_metric_are_b
 
 @pytest.mark.parametrize("values", [[math.inf] * 30, [math.nan] * 30, [math.inf, 1.0] * 15])
 def test_metrics_without_a_finite_mean_are_drawn(values, tmp_path):
-    found = requirement_study(np.array(values), np.full(len(values), math.inf))
-    figure = plots.plot_convergence({"one": found}, "near")
+    result = requirement_study(np.array(values), np.full(len(values), math.inf))
+    figure = plots.plot_convergence({"one": result}, "near")
     assert "no finite value" in [text.get_text() for text in figure.axes[0].texts]
-    assert len(save_figures({"a": figure, "b": plots.plot_distribution({"one": found}, "near")}, tmp_path)) == 2
+    assert len(save_figures({"a": figure, "b": plots.plot_distribution({"one": result}, "near")}, tmp_path)) == 2
 
 
 @pytest.mark.parametrize("name", ["rmse", "crashed"])
 def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
-    found = study()
-    figure = plots.plot_influences(found, name)
+    result = study()
+    figure = plots.plot_influences(result, name)
     assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
     (axes,) = figure.axes
     colors = [patch.get_facecolor() for patch in axes.get_legend().get_patches()]
     assert [bar.get_facecolor() for bar in axes.patches[:2]] == colors
     assert axes.texts[-1].get_text().startswith("rank correlation")
-    expected = statistics.influences(found, name)
+    expected = statistics.influences(result, name)
     assert [each.path for each in expected] == [MASS_PATH, DELAY_PATH]
-    values = found.metrics.crashed if name == "crashed" else found.metrics.rmse[~found.metrics.crashed]
+    values = result.metrics.crashed if name == "crashed" else result.metrics.rmse[~result.metrics.crashed]
     mean = np.mean(values)
     for index, each in enumerate(expected):
         for bar, end, offset in zip(axes.patches[2 * index : 2 * index + 2], (each.low, each.high), (-0.18, 0.18)):
@@ -175,7 +175,7 @@ def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
 
 
 def test_a_tornado_shows_at_most_sixteen_fields():
-    found = study()
+    result = study()
     rng = np.random.default_rng(2)
     parameters = {
         path: rng.uniform(size=NUM_SAMPLES)
@@ -189,7 +189,7 @@ def test_a_tornado_shows_at_most_sixteen_fields():
             "vehicle.mass",
         )
     }
-    large = Study(found.scenario, 10.0, found.samples, parameters, found.metrics)
+    large = Study(result.scenario, 10.0, result.samples, parameters, result.metrics)
     (axes,) = plots.plot_influences(large).axes
     assert len(parameters) > 16
     assert len(axes.patches) == 32
@@ -198,9 +198,9 @@ def test_a_tornado_shows_at_most_sixteen_fields():
 
 def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     """Each point is at the median of its bin. Vertical bars show its interval, and horizontal bars show its bin."""
-    found = study()
-    (axes,) = plots.plot_crash_probability(found, MASS_PATH, num_bins=8).axes
-    levels = statistics.crash_bins(found, MASS_PATH, num_bins=8)
+    result = study()
+    (axes,) = plots.plot_crash_probability(result, MASS_PATH, num_bins=8).axes
+    levels = statistics.crash_bins(result, MASS_PATH, num_bins=8)
     points = next(line for line in axes.lines if line.get_marker() == "o")
     np.testing.assert_allclose(points.get_xydata(), [[each.middle, each.probability.value] for each in levels])
     vertical_bars, horizontal_bars = axes.containers
@@ -213,12 +213,12 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
         np.testing.assert_allclose(
             horizontal_segment, [[level.low, level.probability.value], [level.high, level.probability.value]]
         )
-    assert points.get_label() == f"robustness: {statistics.crash_probability(found.metrics).percent()} of 200 samples"
+    assert points.get_label() == f"robustness: {statistics.crash_probability(result.metrics).percent()} of 200 samples"
     assert [line for line in axes.lines if len(line.get_xdata()) == 2][-1].get_ydata()[0] == 0.15
     assert axes.get_xlabel() == "vehicle mass (kg)"
     # The default is the parameter with the largest influence on crashes.
-    assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "vehicle mass (kg)"
-    study_without_parameters = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
+    assert plots.plot_crash_probability(result).axes[0].get_xlabel() == "vehicle mass (kg)"
+    study_without_parameters = Study(result.scenario, 10.0, result.samples, {}, result.metrics)
     with pytest.raises(InputError, match="no random parameter"):
         plots.plot_crash_probability(study_without_parameters)
 
@@ -260,11 +260,11 @@ def test_labels_of_metrics_have_units(name, label):
 
 
 def test_axes_are_logarithmic_if_medians_differ_by_more_than_a_factor_of_ten():
-    found = study()
-    worse = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=20.0 * found.metrics.rmse))
-    doubled = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=2.0 * found.metrics.rmse))
-    assert plots.plot_distribution({"a": found, "b": worse}).axes[0].get_xscale() == "log"
-    assert plots.plot_distribution({"a": found, "b": doubled}).axes[0].get_xscale() == "linear"
+    result = study()
+    worse = Study(result.scenario, 10.0, result.samples, {}, result.metrics._replace(rmse=20.0 * result.metrics.rmse))
+    doubled = Study(result.scenario, 10.0, result.samples, {}, result.metrics._replace(rmse=2.0 * result.metrics.rmse))
+    assert plots.plot_distribution({"a": result, "b": worse}).axes[0].get_xscale() == "log"
+    assert plots.plot_distribution({"a": result, "b": doubled}).axes[0].get_xscale() == "linear"
 
 
 @pytest.mark.parametrize(("signal", "scale"), [("tilt", "log"), ("yaw_error", "linear")])

@@ -13,8 +13,8 @@ from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import FixedTimes, HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming, plan_path
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere
-from drake_quad.space import around
-from drake_quad.space.around import (
+from drake_quad.space import collision_free
+from drake_quad.space.collision_free import (
     CollisionFreeRoute,
     check_waypoint_clearance,
     direct_route,
@@ -122,14 +122,14 @@ def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
     routes = [
         CollisionFreeRoute(PathProblem(route.problem.waypoints, limits=limits), route.waypoints) for route in DETOURS
     ]
-    monkeypatch.setattr(around, "_routes_around", lambda *_: routes)
+    monkeypatch.setattr(collision_free, "_routes_around", lambda *_: routes)
     path, route = plan_collision_free_path(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
     assert route is routes[-1]
     assert path.duration == plan_path(route.problem, timing).duration
     # If the best route is removed, the next best is selected, regardless of its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [routes[i] for i in order]
-        monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
+        monkeypatch.setattr(collision_free, "_routes_around", lambda *_, some=some: some)
         assert (
             plan_collision_free_path(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)[1]
             is routes[2]
@@ -140,9 +140,9 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
     """A flight of three metres in four seconds needs more than 0.1 m/s²."""
     straight, detour_route = DETOURS[-1], DETOURS[0]
     slow = CollisionFreeRoute(PathProblem([START, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
-    monkeypatch.setattr(around, "_routes_around", lambda *_: [slow, detour_route, straight])
+    monkeypatch.setattr(collision_free, "_routes_around", lambda *_: [slow, detour_route, straight])
     assert plan_collision_free_path(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))[1] is straight
-    monkeypatch.setattr(around, "_routes_around", lambda *_: [slow])
+    monkeypatch.setattr(collision_free, "_routes_around", lambda *_: [slow])
     with pytest.raises(InputError, match="acceleration"):
         plan_collision_free_path(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))
 
@@ -151,11 +151,11 @@ def test_times_between_given_times_are_proportional_to_the_lengths_of_the_legs()
     """One millimetre is added to each length, so that two waypoints at the same point have different times."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     route = CollisionFreeRoute(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
-    actual = around._timing_for(route, FixedTimes((1.0, 3.0, 6.0)))
+    actual = collision_free._timing_for(route, FixedTimes((1.0, 3.0, 6.0)))
     np.testing.assert_allclose(actual.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
     # Two waypoints at the same point are passed in succession.
     repeated_waypoint = CollisionFreeRoute(PathProblem([START, END, END]), np.array([0, 2]))
-    times = around._timing_for(repeated_waypoint, FixedTimes((0.0, 1.0))).times
+    times = collision_free._timing_for(repeated_waypoint, FixedTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
 
 
@@ -241,7 +241,7 @@ class RecordingRegions(Regions):
 @pytest.mark.long
 def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypatch):
     """A waypoint is the seed of a region only if no region contains it yet."""
-    monkeypatch.setattr(around, "Regions", RecordingRegions)
+    monkeypatch.setattr(collision_free, "Regions", RecordingRegions)
     room = random_room(1)
     close_waypoint = room.endpoints[1] + [-0.02, 0.0, 0.0]
     problem = PathProblem([Box.point(position) for position in (*room.endpoints, close_waypoint)], limits=LIMITS)
@@ -267,7 +267,7 @@ def test_only_the_leg_with_a_corridor_has_its_routes_inside_the_corridor(monkeyp
             raise StopIteration
         return np.zeros(len(grid.points)), np.full(len(grid.points), -1)
 
-    monkeypatch.setattr(around.Grid, "route_lengths", route_lengths)
+    monkeypatch.setattr(collision_free.Grid, "route_lengths", route_lengths)
     waypoints = [Box.point([x, 1.0, 1.0]) for x in (0.5, 1.5, 2.5, 3.5)]
     corridor = Box([2.0, 0.8, 0.8], [4.0, 1.2, 1.2])
     problem = PathProblem(waypoints, corridors=[None, None, corridor], limits=LIMITS)
@@ -275,7 +275,7 @@ def test_only_the_leg_with_a_corridor_has_its_routes_inside_the_corridor(monkeyp
         plan_collision_free_path(space_of(), BOUNDS, problem, HeuristicTiming())
     assert [point[0] for point, _ in recorded] == [0.5, 1.5, 2.5, 2.5, 3.5]
     assert [inside is None for _, inside in recorded] == [True, True, True, False, False]
-    grid = around.Grid.of(space_of(), BOUNDS, max_points=30_000, min_spacing=0.05)
+    grid = collision_free.Grid.of(space_of(), BOUNDS, max_points=30_000, min_spacing=0.05)
     for _, inside in recorded[3:]:
         np.testing.assert_array_equal(inside, is_near(corridor, grid.points))
 
@@ -303,14 +303,14 @@ def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
     low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
     box = Box(low, high)
     for region in (box, Polytope.from_box(box), Sphere(low, 0.3)):
-        points, diagonal = around._points_in(region)
+        points, diagonal = collision_free._points_in(region)
         ends = (low - 0.3, low + 0.3) if isinstance(region, Sphere) else (low, high)
         np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], ends, atol=1e-9)
         assert len(np.unique(points.round(9), axis=0)) == len(points) == 21**3
         assert diagonal == pytest.approx(np.linalg.norm((ends[1] - ends[0]) / 20.0))
     # A flat region has one layer of points, and a point has one point.
-    assert len(around._points_in(Box(low, [2.0, 2.5, 0.2]))[0]) == 21**2
-    points, diagonal = around._points_in(Box.point(low))
+    assert len(collision_free._points_in(Box(low, [2.0, 2.5, 0.2]))[0]) == 21**2
+    points, diagonal = collision_free._points_in(Box.point(low))
     assert points.tolist() == [low.tolist()]
     assert diagonal == 0.0
 
@@ -320,7 +320,7 @@ def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
-    points_of_start, points_of_sphere = around._free_points(PathProblem([START, sphere]), space, bounds)
+    points_of_start, points_of_sphere = collision_free._free_points(PathProblem([START, sphere]), space, bounds)
     np.testing.assert_array_equal(points_of_start, np.atleast_2d(START.centre).repeat(len(points_of_start), axis=0))
     distances = np.linalg.norm(points_of_sphere - sphere.centre, axis=1)
     assert (np.diff(distances) >= 0.0).all()
@@ -337,15 +337,16 @@ def test_the_estimated_cost_of_a_straight_route_is_exact():
     for limits in (LIMITS, PathLimits()):
         route = CollisionFreeRoute(PathProblem(straight.problem.waypoints, limits=limits), straight.waypoints)
         expected = snap_cost(plan_path(route.problem, timing)).sum()
-        assert around._estimated_cost(route, timing) == pytest.approx(expected, rel=1e-6)
+        assert collision_free._estimated_cost(route, timing) == pytest.approx(expected, rel=1e-6)
     assert (
-        around._estimated_cost(straight, MinimumTimeTiming()) == plan_path(straight.problem, HeuristicTiming()).duration
+        collision_free._estimated_cost(straight, MinimumTimeTiming())
+        == plan_path(straight.problem, HeuristicTiming()).duration
     )
 
 
 def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     space = space_of(Cuboid((2.0, 1.1, 1.0), size=(0.4, 0.4, 3.0)))
-    routes = around._routes_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS))
+    routes = collision_free._routes_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS))
     corridors = {
         tuple((*region.offsets, *region.normals.ravel()) for region in route.problem.corridors) for route in routes
     }
@@ -370,7 +371,7 @@ def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
     space = space_of(*sides, radius=0.05)
     problem = PathProblem([Box.point([0.2, 0.3, 0.2]), Box.point([0.8, 0.3, 0.2])], limits=LIMITS)
     for max_points, min_spacing, has_point_in_gap in ((30_000, 0.05, False), (400_000, 0.03, True)):
-        grid = around.Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)
+        grid = collision_free.Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)
         free = grid.points[grid.nearest >= space.clearance]
         assert (np.abs(free[:, 0] - 0.5) < 0.03).any() == has_point_in_gap
     path, _ = plan_collision_free_path(space, bounds, problem, HeuristicTiming())
@@ -381,7 +382,7 @@ def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
 def test_candidate_routes_keep_the_additional_clearance_that_regions_keep(monkeypatch):
     """The additional clearance is 10 µm. A route through a point is at least as long as straight lines to both ends."""
     recorded = []
-    route_lengths = around.Grid.route_lengths
+    route_lengths = collision_free.Grid.route_lengths
 
     def recording_lengths_from(grid, positions, clearance, inside=None):
         recorded.append(clearance)
@@ -391,8 +392,8 @@ def test_candidate_routes_keep_the_additional_clearance_that_regions_keep(monkey
         recorded.append((points, lengths))
         raise StopIteration
 
-    monkeypatch.setattr(around.Grid, "route_lengths", recording_lengths_from)
-    monkeypatch.setattr(around, "candidate_regions", recording_candidate_regions)
+    monkeypatch.setattr(collision_free.Grid, "route_lengths", recording_lengths_from)
+    monkeypatch.setattr(collision_free, "candidate_regions", recording_candidate_regions)
     space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
     with pytest.raises(StopIteration):
         plan_collision_free_path(space, BOUNDS, PathProblem([START, END], limits=LIMITS), HeuristicTiming())
@@ -410,7 +411,7 @@ def test_the_message_distinguishes_blocked_waypoints_from_gaps_between_grid_poin
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
         with pytest.raises(InputError, match=f"waypoint 1, .* contains {words} with a clearance of 0.2 m"):
-            around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
+            collision_free._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
 def test_free_points_keep_the_additional_clearance_that_regions_keep():
@@ -418,7 +419,7 @@ def test_free_points_keep_the_additional_clearance_that_regions_keep():
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         problem = PathProblem([START, END])
         if is_accepted:
-            assert len(around._free_points(problem, space, BOUNDS)) == 2
+            assert len(collision_free._free_points(problem, space, BOUNDS)) == 2
         else:
             with pytest.raises(InputError, match="waypoint 1, .* contains almost no point"):
-                around._free_points(problem, space, BOUNDS)
+                collision_free._free_points(problem, space, BOUNDS)

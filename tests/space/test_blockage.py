@@ -4,7 +4,7 @@ import pytest
 
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.regions import Box
-from drake_quad.space.blocked import explain_blockage
+from drake_quad.space.blockage import explain_blockage
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
