@@ -33,7 +33,7 @@ from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import FixedTimes, MinimumSnapTiming, MinimumTimeTiming, Timing, plan_path
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.routes.waypoints import WaypointRoute
-from drake_quad.space.around import plan_collision_free_path
+from drake_quad.space.collision_free import plan_collision_free_path
 from drake_quad.studies.monte_carlo import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"

@@ -115,13 +115,14 @@ def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Sce
                 ],
             )
         )
-    if found.lost.values:
+    if found.without_equilibrium.values:
         flights.append(
             (
                 "no_equilibrium.yaml",
-                hovering_at(median, found.lost.values, duration=_NO_EQUILIBRIUM_SECONDS),
+                hovering_at(median, found.without_equilibrium.values, duration=_NO_EQUILIBRIUM_SECONDS),
                 [
-                    f"to see a loop without an equilibrium, fly in hover at scale {found.lost.scale:.3g}:",
+                    "to see a loop without an equilibrium, fly in hover at scale"
+                    f" {found.without_equilibrium.scale:.3g}:",
                     "a command or the rotors saturate, and the vehicle cannot stay at its reference",
                 ],
             )
@@ -185,7 +186,7 @@ def _flight_seconds(growth_time: float) -> float:
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
     """Print the stable and the failing scales, and the parameters at the scales at which hover fails."""
     print_scales(scenario.name, found)
-    failures = {"unstable": found.unstable, "no equilibrium": found.lost}
+    failures = {"unstable": found.unstable, "no equilibrium": found.without_equilibrium}
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
     rows = []
     for path in found.parameters if columns else ():
@@ -193,7 +194,7 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         numbers = [number_at(median, path), *(each.values[path] for each in columns.values())]
         rows.append((path, *(f"{number:.4g}" for number in numbers), "" if unit == "1" else unit))
     print_columns(("parameter", "median", *columns, "unit"), rows)
-    if found.lost.values:
+    if found.without_equilibrium.values:
         remark(
             "a combination without an equilibrium saturates a command or the rotors, so the vehicle cannot hover there;"
             " its loop is neither stable nor unstable"
@@ -216,7 +217,7 @@ def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Pat
     scales = {
         "stable_up_to_scale": found.stable_scale,
         "unstable_at_scale": found.unstable.scale,
-        "no_equilibrium_at_scale": found.lost.scale,
+        "no_equilibrium_at_scale": found.without_equilibrium.scale,
     }
     box = found.certified_box
     parameters: dict[str, list[float | str]] = {
@@ -226,7 +227,9 @@ def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Pat
         "certified_from": [box[path][0] for path in found.parameters],
         "certified_to": [box[path][1] for path in found.parameters],
         "value_of_unstable_loop": [found.unstable.values.get(path, math.nan) for path in found.parameters],
-        "value_without_equilibrium": [found.lost.values.get(path, math.nan) for path in found.parameters],
+        "value_without_equilibrium": [
+            found.without_equilibrium.values.get(path, math.nan) for path in found.parameters
+        ],
     }
     return [
         write_table(folder / "scales.csv", {name: [scale] for name, scale in scales.items()}),

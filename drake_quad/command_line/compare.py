@@ -14,9 +14,9 @@ from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
     add_wired,
-    parser_without_options,
     check_ranges,
     controlled_scenarios,
+    parser_without_options,
 )
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar

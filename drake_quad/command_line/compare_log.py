@@ -13,9 +13,9 @@ from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
-    parser_without_options,
     check_ranges,
     overrides_from_arguments,
+    parser_without_options,
     resolve_output_folder,
 )
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark

@@ -45,7 +45,7 @@ from drake_quad.design.cascade import (
     with_integrals,
 )
 from drake_quad.design.certificate import certify_hover
-from drake_quad.design.gains import SLOWER_POLE, PolePair, RegulatorRequirements
+from drake_quad.design.gains import SLOWER_POLE, OutputRegulator, PolePair
 from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
@@ -287,7 +287,7 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
         family = default.family if request.damping is None else PolePair(request.damping)
         if arguments.method == "lqr":
             rate_time = _DEFAULT_RATE_TIMES[_LOOP_OF_AXIS[axis]] if request.rate_time is None else request.rate_time
-            family = RegulatorRequirements(rate_time)
+            family = OutputRegulator(rate_time)
         options_by_axis[axis] = default._replace(family=family, effort=request.bandwidth)
     options_by_axis |= on_board_options() if arguments.on_board else {}
     return {axis: _with_margins(arguments, period, each) for axis, each in options_by_axis.items()}

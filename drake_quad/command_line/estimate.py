@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.command_line.options import add_vector, parser_without_options, check_ranges
+from drake_quad.command_line.options import add_vector, check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder

@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.default_outputs import Origin, reserve
-from drake_quad.command_line.options import add_vector, parser_without_options, parse_overrides
+from drake_quad.command_line.options import add_vector, parse_overrides, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
@@ -43,7 +43,9 @@ _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of e
 
 
 def options() -> argparse.ArgumentParser:
-    result = parser_without_options(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
+    result = parser_without_options(
+        __doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375"
+    )
     result.add_argument(
         "log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format that `read_log` reads"
     )

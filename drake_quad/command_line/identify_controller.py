@@ -12,7 +12,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, output_file, vehicle_name
-from drake_quad.command_line.options import parser_without_options, parse_overrides
+from drake_quad.command_line.options import parse_overrides, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import write_atomically

@@ -7,8 +7,8 @@ from drake_quad.command_line.fly import start_meshcat
 from drake_quad.command_line.options import (
     add_controller,
     add_overrides,
-    parser_without_options,
     check_ranges,
+    parser_without_options,
     scenario_from_arguments,
 )
 from drake_quad.command_line.output import remark

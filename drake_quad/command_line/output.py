@@ -82,11 +82,11 @@ def print_scales(name: str, found: "Certificate") -> None:
     print(f"{name}: hover in still air, with the ranges of {len(found.ranges)} parameters scaled at once")
     print("  scale 1                  the ranges in the scenario; three standard deviations if there are no limits")
     print(f"  stable up to scale       {found.stable_scale:.3g}")
-    for kind, failure in {"unstable": found.unstable, "no equilibrium": found.lost}.items():
+    for kind, failure in {"unstable": found.unstable, "no equilibrium": found.without_equilibrium}.items():
         if failure.values:
             print(f"  {f'{kind} at scale':24s} {failure.scale:.3g}")
         elif kind == "unstable":
-            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
+            print(f"  no unstable loop was found up to scale {min(found.without_equilibrium.scale, MAX_SCALE):.3g}")
     print(f"  gap between the scales   {100.0 * found.gap:.1f} % (with {found.num_cells} linear fractional models)")
 
 

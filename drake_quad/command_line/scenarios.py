@@ -8,7 +8,12 @@ import argparse
 import sys
 import textwrap
 
-from drake_quad.command_line.options import add_controller, add_overrides, parser_without_options, scenario_from_arguments
+from drake_quad.command_line.options import (
+    add_controller,
+    add_overrides,
+    parser_without_options,
+    scenario_from_arguments,
+)
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.files.shipped import shipped_scenarios
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.design.gains import (
-    AxisGains,
+    AxisPdGains,
     GainFamily,
     LoopDesign,
     PolePair,
@@ -241,7 +241,7 @@ def design_cascade(
         design_axis(axis, attitude_plant(laboratory, scenario, axis))
     for axis, (tilt, _) in _TILT_OF_AXIS.items():
         attitude = loops[tilt].gains if on_the_ground else None
-        assert attitude is None or isinstance(attitude, AxisGains)
+        assert attitude is None or isinstance(attitude, AxisPdGains)
         design_axis(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
         integration = _integrating(scenario).integration
@@ -335,7 +335,7 @@ def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -
 
 
 def position_plant(
-    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains | None
+    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisPdGains | None
 ) -> SampledSystem:
     """Return the plant from a commanded acceleration on x or y to position and velocity, with a closed attitude loop.
 

@@ -82,8 +82,8 @@ class Certificate:
         stable_scale: lower bound, up to which hover is stable for all combinations of parameters; 0 if none is proved.
         unstable: unstable loop with the smallest scale that was found; this scale is the upper bound. It is infinite if
             no loop up to `MAX_SCALE` was unstable.
-        lost: combination of parameters with the smallest scale at which the loop has no equilibrium, because a command
-            saturates. Its scale is infinite if all loops had an equilibrium.
+        without_equilibrium: combination of parameters with the smallest scale at which the loop has no equilibrium,
+            because a command saturates. Its scale is infinite if all loops had an equilibrium.
         growth: loop at the scale of `unstable` or beyond whose oscillation is visible in a flight; None if no unstable
             loop was found.
         ranges: parameters with a range that act on the loop.
@@ -95,7 +95,7 @@ class Certificate:
 
     stable_scale: float
     unstable: Failure
-    lost: Failure
+    without_equilibrium: Failure
     growth: Growth | None
     ranges: tuple[Range, ...]
     choices: tuple[Choice, ...]
@@ -122,7 +122,7 @@ class Certificate:
 
         The upper bound is the smallest scale at which a loop is unstable or has no equilibrium, at most `MAX_SCALE`.
         """
-        failing = min(self.unstable.scale, self.lost.scale, MAX_SCALE)
+        failing = min(self.unstable.scale, self.without_equilibrium.scale, MAX_SCALE)
         return 1.0 - self.stable_scale / failing if failing > 0.0 else 0.0
 
 
@@ -144,7 +144,7 @@ def certify_hover(
     stable_scale, num_cells = 0.0, 0
     with single_threaded_blas():
         hover = UncertainHover(scenario, user_systems, progress or (lambda count, step: None))
-        centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
+        centre = hover.radii(*hover.with_all_combinations(np.zeros((1, len(hover.ranges)))), "centre")
         if not is_unstable(centre).any():
             _search(hover)
             stable_scale, num_cells = _certified_scale(hover)
@@ -152,7 +152,7 @@ def certify_hover(
     return Certificate(
         stable_scale,
         hover.unstable,
-        hover.lost,
+        hover.without_equilibrium,
         growth,
         hover.ranges,
         hover.choices,
@@ -174,7 +174,7 @@ def _search(hover: UncertainHover) -> None:
     corners = (
         [*product((-1.0, 1.0), repeat=k)] if all_corners else hover.generator.choice([-1.0, 1.0], (_MAX_CORNERS, k))
     )
-    directions, combinations = hover.everywhere(np.array(corners))
+    directions, combinations = hover.with_all_combinations(np.array(corners))
     stable, scale = 0.0, 1.0
     while not (fails := _fails(hover, scale * directions, combinations)).any() and scale < MAX_SCALE:
         stable, scale = scale, min(2.0 * scale, MAX_SCALE)
@@ -277,8 +277,8 @@ class _Cell(NamedTuple):
 
 def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
     """Return the scale up to which all loops are proved to be stable, and the number of cells that were tested."""
-    size = _FIRST_CELL_RATIO * min(hover.reach, MAX_SCALE)
-    hover.straighten(size)
+    size = _FIRST_CELL_RATIO * min(hover.smallest_failing_scale, MAX_SCALE)
+    hover.choose_exponents(size)
     untested = [
         _Cell(part, -size * np.ones(len(part.ranges)), size * np.ones(len(part.ranges))) for part in hover.parts()
     ]
@@ -295,7 +295,7 @@ def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
                 heapq.heappush(unproved, (max(parent_scale, scale), next(serial_numbers), axis, cell))
         num_cells += len(untested)
         untested, parent_scales = [], []
-        goal = _TARGET_BOUND_RATIO * min(hover.reach, MAX_SCALE)
+        goal = _TARGET_BOUND_RATIO * min(hover.smallest_failing_scale, MAX_SCALE)
         while unproved and unproved[0][0] < goal and len(untested) < 2 * _NUM_CELLS_AT_ONCE and num_cells < _MAX_CELLS:
             scale, _, axis, cell = heapq.heappop(unproved)
             untested += cell.halves(axis)

@@ -103,7 +103,8 @@ class Plant(NamedTuple):
     """Plant from the command to the motion of the vehicle.
 
     Attributes:
-        lags: True if the rotor lag is in series with the attitude response, False if the response includes it.
+        has_series_lag: True if the rotor lag is in series with the attitude response, False if the response includes
+            it.
         lag: time constant of the rotor lag, s.
         response: attitude response of an autopilot; None without an autopilot.
         latency_frames: camera latency beyond one frame period, in frames.
@@ -111,7 +112,7 @@ class Plant(NamedTuple):
         thrust_gain: ratio of actual to commanded changes of the thrust near hover.
     """
 
-    lags: bool
+    has_series_lag: bool
     lag: float
     response: SecondOrderResponse | None
     latency_frames: int
@@ -231,7 +232,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
     ) -> LateralAxis:
         response = nominal.response
         return LateralAxis(
-            lag=nominal.lag if nominal.lags else None,
+            lag=nominal.lag if nominal.has_series_lag else None,
             natural_frequency=response.natural_frequency if response else None,
             damping=response.damping if response else None,
             bias=ColouredNoise(deviation=bias, time=_BIAS_TIME),
@@ -675,7 +676,7 @@ def _common_fields(
 
 def lateral_plant_model(plant: Plant, conditions: Conditions) -> ContinuousModel:
     """Return the model of a plant along x or y, a chain of lags and integrators, with its disturbances."""
-    lag = plant.lag if plant.lags or plant.response is None else None
+    lag = plant.lag if plant.has_series_lag or plant.response is None else None
     return lateral_model(lag, plant.response, _disturbing(conditions.lateral, ChainNoise(conditions.bias, _BIAS_TIME)))
 
 

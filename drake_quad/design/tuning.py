@@ -76,15 +76,15 @@ class Budget(NamedTuple):
         rounds: number of rounds of the search.
         candidates: number of candidates that are simulated in each round.
         samples: number of samples for each candidate, in all laboratories together.
-        checks: number of evaluations of the limit in each round.
-        steps: number of steps in each of the three local searches that follow the rounds.
+        limit_evaluations: number of evaluations of the limit in each round.
+        local_search_steps: number of steps in each of the three local searches that follow the rounds.
     """
 
     rounds: int = 12
     candidates: int = 128
     samples: int = 16
-    checks: int = 6
-    steps: int = 80
+    limit_evaluations: int = 6
+    local_search_steps: int = 80
 
 
 class LoopLimit(NamedTuple):
@@ -186,7 +186,10 @@ def tune(
         min_ratio = math.inf if margin_ratios is None else float(margin_ratios(trial.scenario(point)).min())
         starts.append(TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), min_ratio))
     for radius in _LOCAL_STEPS:
-        starts = [_better(start, _local_search(trial, start, margin_ratios, radius, budget.steps)) for start in starts]
+        starts = [
+            _better(start, _local_search(trial, start, margin_ratios, radius, budget.local_search_steps))
+            for start in starts
+        ]
         if progress is not None:
             progress()
     return functools.reduce(_better, starts)
@@ -257,7 +260,7 @@ class _GainSearch(NamedTuple):
             if margin_ratios is None:
                 best = _better(best, TuningResult(trial.values(points[order[0]]), float(errors[order[0]]), math.inf))
             else:
-                for i in order[: self.budget.checks * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
+                for i in order[: self.budget.limit_evaluations * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
                     ratios = margin_ratios(trial.scenario(points[i]))
                     evaluated.add(points[i], ratios)
                     best = _better(best, TuningResult(trial.values(points[i]), float(errors[i]), float(ratios.min())))

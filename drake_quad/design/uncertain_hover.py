@@ -130,8 +130,8 @@ class UncertainHover:
         combinations: (combinations, choices) all combinations of discrete values.
         left_out: paths of distributions that do not act on hover in still air.
         unstable: unstable loop with the smallest scale so far.
-        lost: combination of parameters with the smallest scale so far at which the loop has no equilibrium, because a
-            command saturates.
+        without_equilibrium: combination of parameters with the smallest scale so far at which the loop has no
+            equilibrium, because a command saturates.
         num_loops: number of loops so far.
         generator: source of all random choices.
 
@@ -143,7 +143,7 @@ class UncertainHover:
     def __init__(self, scenario: Scenario, user_systems: UserSystems, progress: Callable[[int, str], None]) -> None:
         self._progress, self.num_loops = progress, 0
         self.generator = np.random.default_rng(scenario.seed)
-        self.unstable = self.lost = Failure(math.inf, {})
+        self.unstable = self.without_equilibrium = Failure(math.inf, {})
         self.ranges, self.choices, self.left_out = parameters_in_hover(scenario)
         if not self.ranges:
             raise InputError(
@@ -185,9 +185,9 @@ class UncertainHover:
         return self._fleet.period
 
     @property
-    def reach(self) -> float:
+    def smallest_failing_scale(self) -> float:
         """Smallest scale so far at which a loop is unstable or has no equilibrium."""
-        return min(self.unstable.scale, self.lost.scale)
+        return min(self.unstable.scale, self.without_equilibrium.scale)
 
     def parts(self) -> list[Part]:
         """Return, for each combination of discrete values, the parts that depend on a parameter with a range."""
@@ -199,13 +199,13 @@ class UncertainHover:
 
         Moments of inertia that no rigid body can have are moved to the nearest possible ones within their ranges. An
         unstable loop with a smaller scale than all before is stored in `unstable`, and a loop without an equilibrium in
-        `lost`.
+        `without_equilibrium`.
         """
         values = self._with_rigid_bodies(z)
         loops = self._loops(values, combinations, step)
         radii = np.max([spectral_radii(loops[:, states][:, :, states]) for states, _ in self._groups], axis=0)
         scales = np.abs(z).max(axis=1)
-        for name, mask in (("unstable", is_unstable(radii)), ("lost", np.isnan(radii))):
+        for name, mask in (("unstable", is_unstable(radii)), ("without_equilibrium", np.isnan(radii))):
             if mask.any() and (smallest := scales[mask].min()) < getattr(self, name).scale:
                 row = int(np.flatnonzero(mask & (scales == smallest))[0])
                 setattr(self, name, self.combined(z[row], combinations[row]))
@@ -241,12 +241,12 @@ class UncertainHover:
         chosen = np.array([values[each.path] for each in self.choices])
         return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
-    def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def with_all_combinations(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Combine each row of an array (K, k) with each combination of discrete values; return rows and indices."""
         count = len(self.combinations)
         return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
 
-    def straighten(self, size: float) -> None:
+    def choose_exponents(self, size: float) -> None:
         """Choose, for each parameter, the power of the parameter in which the loops are most nearly linear.
 
         The loops are compared up to the scale `size`. `loops_in` and `shrunk` then interpolate linearly between the
@@ -256,7 +256,7 @@ class UncertainHover:
         z = np.zeros((k, len(steps), k))
         z[range(k), :, range(k)] = size * steps
         values = self._values(z.reshape(-1, k))
-        loops = self._loops(*self.everywhere(values), "model")
+        loops = self._loops(*self.with_all_combinations(values), "model")
         loops = loops.reshape(k, len(steps), len(self.combinations), *loops.shape[1:])
         row_sizes = np.abs(loops[0, 0]).max(axis=-1, keepdims=True)
         flat = (loops / np.where(row_sizes > 0.0, row_sizes, 1.0)).reshape(k, len(steps), -1)
@@ -297,7 +297,7 @@ class UncertainHover:
         radii = np.concatenate([spectral_radii(each) for each in parts])
         failing = np.flatnonzero(~(radii < 1.0 + MIN_DECAY))
         everything = np.concatenate(z)
-        failing = failing[np.abs(everything[failing]).max(axis=1) < self.reach]
+        failing = failing[np.abs(everything[failing]).max(axis=1) < self.smallest_failing_scale]
         if len(failing):
             self.radii(everything[failing], combinations[failing], "bound")
         return parts
@@ -376,7 +376,7 @@ class UncertainHover:
 
     def _check_centre(self, name: str) -> None:
         """Raise InputError if a loop at the centre of the ranges cannot be certified."""
-        loops = self._loops(*self.everywhere(self._values(np.zeros((1, len(self.ranges))))), "centre")
+        loops = self._loops(*self.with_all_combinations(self._values(np.zeros((1, len(self.ranges))))), "centre")
         if np.isnan(loops).any():
             raise InputError(f"the loop of {name} has no equilibrium near hover at the centre of the ranges")
         if (np.abs(spectral_radii(loops) - 1.0) <= MIN_DECAY).any():
@@ -397,7 +397,7 @@ class UncertainHover:
         z = np.repeat(old[:, np.newaxis], 1 + k, axis=1)
         z[:, range(1, 1 + k), range(k)] = new
         z = np.vstack([np.zeros((1, k)), z.reshape(-1, k)])
-        loops = self._loops(*self.everywhere(self._values(z)), "effects")
+        loops = self._loops(*self.with_all_combinations(self._values(z)), "effects")
         loops = loops.reshape(len(z), count, *loops.shape[1:])
         finite = np.isfinite(loops[1:]).all(axis=(2, 3), keepdims=True)
         loops = np.where(finite, loops[1:], loops[0])

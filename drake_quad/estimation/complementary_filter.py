@@ -19,17 +19,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.estimation.corrections import AidingLaw, levelled
+from drake_quad.estimation.corrections import AidingLaw, attitude_from_accelerometer
 from drake_quad.estimation.covariance import ScalarMeasurement, shortest_change
 from drake_quad.estimation.error_state_filter import Aiding, check_aiding, if_needed, next_wait
 from drake_quad.estimation.estimate import (
     NO_INCREMENT,
     ErrorState,
     Estimate,
-    extended,
-    predicted,
+    add_error,
+    extend_increment,
+    predict,
     state_of,
-    with_error,
 )
 from drake_quad.framework.elementary import exp
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -90,7 +90,7 @@ class ComplementaryCounters(NamedTuple):
     samples_to_reading: tuple[Number, ...]
 
 
-def corrected_by(
+def correct_estimate(
     estimate: Estimate, measurements: Sequence[ScalarMeasurement], times_of_filter: TimeConstants, period: float
 ) -> Estimate:
     """Return an estimate after corrections by scalar measurements.
@@ -115,7 +115,7 @@ def corrected_by(
             )
         else:
             error = error._replace(**{changed: plus(getattr(error, changed), times(1.0 - decay, change))})
-    return with_error(estimate, error)
+    return add_error(estimate, error)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class _Correction:
         self, estimate: Estimate, reading: Any, aiding: Any, times_of_filter: TimeConstants, gyroscope: BodyRates
     ) -> Estimate:
         measurements = self.law.formula(estimate, reading, aiding, gyroscope)
-        return corrected_by(estimate, measurements, times_of_filter, self.period)
+        return correct_estimate(estimate, measurements, times_of_filter, self.period)
 
 
 @dataclass(frozen=True)
@@ -160,23 +160,25 @@ class _Step:
     ) -> tuple[Estimate, ComplementaryCounters]:
         if parameters.start is None:
             starts = counters.waits_for_start > 0.5
-            attitude = if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
+            attitude = if_needed(
+                starts, attitude_from_accelerometer, (accelerometer, parameters.initial_yaw), estimate.attitude
+            )
             estimate = estimate._replace(attitude=attitude)
         waits = counters.samples_to_reading
         for each, aiding, reading, valid, wait in zip(
             self.aiding, parameters.aiding, readings[0::2], readings[1::2], waits, strict=True
         ):
             is_new = wait < 0.5 if valid is None else (wait < 0.5) & (valid.valid > 0.5)
-            correction = _Correction(each.law, each.samples * self.period)
+            correction = _Correction(each.law, each.period_samples * self.period)
             estimate = if_needed(is_new, correction, (estimate, reading, aiding, parameters.times, gyroscope), estimate)
         axes = estimate.attitude.axes()
         up, vertical = times(1.0 / length(accelerometer), accelerometer), Vector(axes.x.z, axes.y.z, axes.z.z)
         tilt = times(1.0 / parameters.times.tilt, cross(up, vertical))
         increment = NO_INCREMENT._replace(gyroscope_bias=minus(estimate.gyroscope_bias, tilt))
-        increment = extended(increment, gyroscope, accelerometer, self.period)
+        increment = extend_increment(increment, gyroscope, accelerometer, self.period)
         bias = minus(estimate.gyroscope_bias, times(self.period / parameters.times.bias, tilt))
-        estimate = predicted(estimate, increment, parameters.gravity)._replace(gyroscope_bias=bias)
-        following = tuple(map(next_wait, waits, [each.samples for each in self.aiding]))
+        estimate = predict(estimate, increment, parameters.gravity)._replace(gyroscope_bias=bias)
+        following = tuple(map(next_wait, waits, [each.period_samples for each in self.aiding]))
         return estimate, ComplementaryCounters(0.0, following)
 
 

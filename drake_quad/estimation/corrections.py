@@ -387,7 +387,7 @@ def _distance_to_ground(estimate: Estimate, ground: PositionW) -> tuple[Row, Row
     return distance, by_height, Vector(slope * up.y, -slope * up.x, 0.0)
 
 
-def levelled(accelerometer: Vector, yaw: Angle) -> Quaternion:
+def attitude_from_accelerometer(accelerometer: Vector, yaw: Angle) -> Quaternion:
     """Return the attitude of a vehicle at rest with a given yaw, from a reading of its accelerometer."""
     x, y, z = accelerometer
     roll = arctan2(y, z)

@@ -114,9 +114,7 @@ class ScalarMeasurement(NamedTuple):
     reset: str = "position"
 
 
-def propagated(
-    covariance: Covariance, increment: InertialIncrement, axes: BodyAxes, noise: InertialNoise
-) -> Covariance:
+def propagate(covariance: Covariance, increment: InertialIncrement, axes: BodyAxes, noise: InertialNoise) -> Covariance:
     """Return the covariance at the end of an increment, given the axes of the body in W at its beginning."""
     matrix = covariance.matrix()
     time, (x, y, z) = increment.duration, axes.in_world(increment.velocity)

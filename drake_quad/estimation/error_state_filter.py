@@ -8,7 +8,7 @@ and over the samples of the current block:
 
     time        horizon                                    present
                    ├──── block ────┼──── block ────┼── samples ──┤
-    estimate    filter                              ahead        output
+    estimate    filter                              block start  output
 
 PX4 uses the same structure, with a slower predictor between the horizon and the present (A. Khosravian et al.,
 "Recursive attitude estimation in the presence of multi-rate and multi-delay vector measurements", ACC 2015).
@@ -18,17 +18,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, levelled, measurements_at
-from drake_quad.estimation.covariance import Covariance, Gate, InertialNoise, corrected_error, propagated
+from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, attitude_from_accelerometer, measurements_at
+from drake_quad.estimation.covariance import Covariance, Gate, InertialNoise, corrected_error, propagate
 from drake_quad.estimation.estimate import (
     NO_INCREMENT,
     Estimate,
     InertialIncrement,
-    extended,
-    predicted,
+    add_error,
+    correct_increment_biases,
+    extend_increment,
+    predict,
     state_of,
-    with_biases_of,
-    with_error,
 )
 from drake_quad.framework.elementary import identity, lazy_where, maximum, minimum, total, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -44,14 +44,14 @@ class Aiding(NamedTuple):
     Attributes:
         name: name of the input port with the readings.
         kind: type of the readings, a key of `AIDING_LAWS`.
-        samples: period of the readings, in samples of the inertial measurement unit.
+        period_samples: period of the readings, in samples of the inertial measurement unit.
         can_miss: True if readings can be missing; the filter then has an input port for the validity of the readings.
         latency: time from the measurement to the arrival of a reading, in periods of the readings.
     """
 
     name: str
     kind: str
-    samples: int = 1
+    period_samples: int = 1
     can_miss: bool = False
     latency: int = 0
 
@@ -134,7 +134,7 @@ class StoredReading(NamedTuple):
     validity: Valid | None
 
 
-class Memory(NamedTuple):
+class ErrorStateFilterState(NamedTuple):
     """State of a filter.
 
     Attributes:
@@ -143,8 +143,8 @@ class Memory(NamedTuple):
         increment: motion over the samples of the current block.
         blocks: motion over each complete block between the horizon and the current block, the latest first; an empty
             tuple if no aiding sensor has a latency.
-        ahead: estimate at the beginning of the current block; None if no aiding sensor has a latency.
-        stored: for each aiding sensor, the readings that the horizon has not reached yet, the latest first.
+        estimate_at_block: estimate at the beginning of the current block; None if no aiding sensor has a latency.
+        stored_readings: for each aiding sensor, the readings that the horizon has not reached yet, the latest first.
         counters: counters.
         innovation: latest normalised innovations of each scalar measurement.
     """
@@ -153,13 +153,13 @@ class Memory(NamedTuple):
     covariance: Covariance
     increment: InertialIncrement
     blocks: tuple[InertialIncrement, ...]
-    ahead: Estimate | None
-    stored: tuple[tuple[StoredReading, ...], ...]
+    estimate_at_block: Estimate | None
+    stored_readings: tuple[tuple[StoredReading, ...], ...]
     counters: Counters
     innovation: tuple[Number, ...]
 
 
-# Fields of `Memory` that linear models leave out; see `StateGroup.is_scheduled`.
+# Fields of `ErrorStateFilterState` that linear models leave out; see `StateGroup.is_scheduled`.
 _SCHEDULED_FIELDS = ("covariance", "counters", "innovation")
 
 
@@ -179,7 +179,7 @@ class FilterStructure(NamedTuple):
     @property
     def horizon(self) -> int:
         """Time from the horizon to the beginning of the current block, in samples."""
-        return max((each.latency * each.samples for each in self.aiding), default=0)
+        return max((each.latency * each.period_samples for each in self.aiding), default=0)
 
     @property
     def num_blocks(self) -> int:
@@ -188,7 +188,7 @@ class FilterStructure(NamedTuple):
 
     def num_stored(self, aiding: Aiding) -> int:
         """Return the number of readings of a sensor that are stored; 0 if each reading is used when it arrives."""
-        waiting = (self.horizon - aiding.latency * aiding.samples) // aiding.samples
+        waiting = (self.horizon - aiding.latency * aiding.period_samples) // aiding.period_samples
         return waiting + 1 if waiting else 0
 
     @property
@@ -197,16 +197,16 @@ class FilterStructure(NamedTuple):
         return sum(each.law.num_scalars for each in self.aiding)
 
 
-def initial_memory(structure: FilterStructure, parameters: FilterParameters) -> Memory:
+def initial_memory(structure: FilterStructure, parameters: FilterParameters) -> ErrorStateFilterState:
     """Return the state of a filter before its first sample."""
     zero, start = Vector(0.0, 0.0, 0.0), parameters.start
     if start is None:
         start = Estimate(zero, zero, NO_ROTATION, zero, zero)
     increment = NO_INCREMENT._replace(gyroscope_bias=start.gyroscope_bias, accelerometer_bias=start.accelerometer_bias)
-    arrivals = tuple([float(each.latency * each.samples) for each in structure.aiding])
+    arrivals = tuple([float(each.latency * each.period_samples) for each in structure.aiding])
     readings = (float(structure.horizon),) * len(structure.aiding)
     rejections = tuple([each.max_rejections for each in parameters.aiding])
-    return Memory(
+    return ErrorStateFilterState(
         start,
         Covariance.diagonal(parameters.initial),
         increment,
@@ -225,12 +225,12 @@ def _no_reading(aiding: Aiding) -> StoredReading:
 
 def filter_step(
     structure: FilterStructure,
-    memory: Memory,
+    memory: ErrorStateFilterState,
     parameters: FilterParameters,
     gyroscope: BodyRates,
     accelerometer: Vector,
     readings: Sequence[StoredReading],
-) -> Memory:
+) -> ErrorStateFilterState:
     """Return the state of a filter after a sample of the inertial measurement unit.
 
     Args:
@@ -243,42 +243,50 @@ def filter_step(
     """
     waits = memory.counters
     begins = waits.samples_to_block < 0.5
-    memory = memory._replace(stored=_with_arrivals(memory, readings))
+    memory = memory._replace(stored_readings=_with_arrivals(memory, readings))
     if parameters.start is None:
         memory = _with_initial_tilt(memory, parameters, accelerometer)
     memory = _at_next_horizon(structure, memory, parameters, begins)
     memory = _corrected(structure, memory, parameters, gyroscope, readings)
     memory = _with_new_block(structure, memory, parameters, gyroscope, begins)
-    samples = [each.samples for each in structure.aiding]
+    samples = [each.period_samples for each in structure.aiding]
     counters = memory.counters._replace(
         waits_for_start=0.0,
         samples_to_block=next_wait(waits.samples_to_block, structure.block_samples),
         samples_to_arrival=tuple(map(next_wait, waits.samples_to_arrival, samples)),
         samples_to_reading=tuple(map(next_wait, waits.samples_to_reading, samples)),
     )
-    increment = extended(memory.increment, gyroscope, accelerometer, structure.period)
+    increment = extend_increment(memory.increment, gyroscope, accelerometer, structure.period)
     return memory._replace(increment=increment, counters=counters)
 
 
-def _with_arrivals(memory: Memory, readings: Sequence[StoredReading]) -> tuple[tuple[StoredReading, ...], ...]:
+def _with_arrivals(
+    memory: ErrorStateFilterState, readings: Sequence[StoredReading]
+) -> tuple[tuple[StoredReading, ...], ...]:
     """Return the stored readings of each aiding sensor, including the readings that arrive at this sample."""
     waits = memory.counters.samples_to_arrival
     return tuple(
         [
             where(wait < 0.5, (reading, *stored)[:-1], stored) if stored else ()
-            for stored, reading, wait in zip(memory.stored, readings, waits, strict=True)
+            for stored, reading, wait in zip(memory.stored_readings, readings, waits, strict=True)
         ]
     )
 
 
-def _with_initial_tilt(memory: Memory, parameters: FilterParameters, accelerometer: Vector) -> Memory:
+def _with_initial_tilt(
+    memory: ErrorStateFilterState, parameters: FilterParameters, accelerometer: Vector
+) -> ErrorStateFilterState:
     """Return the state in which, at the first sample, the attitude is computed from the accelerometer."""
     estimate, starts = memory.estimate, memory.counters.waits_for_start > 0.5
-    attitude = if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
+    attitude = if_needed(
+        starts, attitude_from_accelerometer, (accelerometer, parameters.initial_yaw), estimate.attitude
+    )
     return memory._replace(estimate=estimate._replace(attitude=attitude))
 
 
-def _at_next_horizon(structure: FilterStructure, memory: Memory, parameters: FilterParameters, begins: Any) -> Memory:
+def _at_next_horizon(
+    structure: FilterStructure, memory: ErrorStateFilterState, parameters: FilterParameters, begins: Any
+) -> ErrorStateFilterState:
     """Return the state after the horizon has moved to the next block, if a block begins at this sample."""
     blocks = (memory.increment, *memory.blocks)
     arguments = memory.estimate, memory.covariance, blocks[-1], parameters.noise, parameters.gravity
@@ -292,23 +300,23 @@ def _after_block(
     estimate: Estimate, covariance: Covariance, block: InertialIncrement, noise: InertialNoise, gravity: Row
 ) -> tuple[Estimate, Covariance]:
     """Return an estimate and its covariance at the end of a block."""
-    block = with_biases_of(block, estimate)
-    return predicted(estimate, block, gravity), propagated(covariance, block, estimate.attitude.axes(), noise)
+    block = correct_increment_biases(block, estimate)
+    return predict(estimate, block, gravity), propagate(covariance, block, estimate.attitude.axes(), noise)
 
 
 def _corrected(
     structure: FilterStructure,
-    memory: Memory,
+    memory: ErrorStateFilterState,
     parameters: FilterParameters,
     gyroscope: BodyRates,
     readings: Sequence[StoredReading],
-) -> Memory:
+) -> ErrorStateFilterState:
     """Return the state after corrections by the readings that were taken at the time of the horizon."""
     estimate, covariance, counters = memory.estimate, memory.covariance, memory.counters
     rates = memory.blocks[-1].first_rates if memory.blocks else gyroscope
     rejections, innovations, first = [], [], 0
     for k, (aiding, aiding_parameters) in enumerate(zip(structure.aiding, parameters.aiding, strict=True)):
-        reading, validity = memory.stored[k][-1] if memory.stored[k] else readings[k]
+        reading, validity = memory.stored_readings[k][-1] if memory.stored_readings[k] else readings[k]
         is_new = counters.samples_to_reading[k] < 0.5
         if validity is not None:
             is_new = is_new & (validity.valid > 0.5)
@@ -317,7 +325,7 @@ def _corrected(
         arguments = estimate, covariance, reading, aiding_parameters, rates, counters.rejections[k]
         after = if_needed(
             is_new,
-            _Correction(aiding.law, aiding.samples * structure.period),
+            _Correction(aiding.law, aiding.period_samples * structure.period),
             arguments,
             Corrected(estimate, covariance, before, counters.rejections[k]),
         )
@@ -333,8 +341,12 @@ def _corrected(
 
 
 def _with_new_block(
-    structure: FilterStructure, memory: Memory, parameters: FilterParameters, gyroscope: BodyRates, begins: Any
-) -> Memory:
+    structure: FilterStructure,
+    memory: ErrorStateFilterState,
+    parameters: FilterParameters,
+    gyroscope: BodyRates,
+    begins: Any,
+) -> ErrorStateFilterState:
     """Return the state with an empty current block, if a block begins at this sample."""
     estimate = memory.estimate
     empty = NO_INCREMENT._replace(
@@ -344,15 +356,15 @@ def _with_new_block(
     )
     memory = memory._replace(increment=where(begins, empty, memory.increment))
     if structure.num_blocks:
-        ahead = if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.ahead)
-        memory = memory._replace(ahead=ahead)
+        ahead = if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.estimate_at_block)
+        memory = memory._replace(estimate_at_block=ahead)
     return memory
 
 
 def _at_present(estimate: Estimate, blocks: tuple[InertialIncrement, ...], gravity: Row) -> Estimate:
     """Return the estimate after several blocks, given the estimate before them. The latest block comes first."""
     for block in reversed(blocks):
-        estimate = predicted(estimate, with_biases_of(block, estimate), gravity)
+        estimate = predict(estimate, correct_increment_biases(block, estimate), gravity)
     return estimate
 
 
@@ -409,12 +421,12 @@ class _Correction:
         error, covariance, innovation = corrected_error(covariance, measurements, gate)
         is_rejected = total([where(each * each <= parameters.innovation_limit, 0.0, 1.0) for each in innovation]) > 0.5
         rejections = where(is_rejected, minimum(rejections + 1.0, parameters.max_rejections), 0.0)
-        return Corrected(with_error(estimate, error), covariance, innovation, rejections)
+        return Corrected(add_error(estimate, error), covariance, innovation, rejections)
 
 
 @dataclass(frozen=True)
 class _InitialField:
-    """Function that computes the initial value of a field of `Memory` from the parameters of the filter."""
+    """Function that computes the initial value of a field of `ErrorStateFilterState` from the filter's parameters."""
 
     name: str
     structure: FilterStructure
@@ -425,12 +437,15 @@ class _InitialField:
 
 @dataclass(frozen=True)
 class _Step:
-    """Function that calls `filter_step`, given the fields of `Memory` and the values of the ports."""
+    """Function that calls `filter_step`, given the fields of `ErrorStateFilterState` and the values of the ports."""
 
     structure: FilterStructure
 
     def __call__(self, parameters: FilterParameters, gyroscope: BodyRates, accelerometer: Vector, *others: Any) -> Any:
-        memory, ports = Memory(*others[: len(Memory._fields)]), others[len(Memory._fields) :]
+        memory, ports = (
+            ErrorStateFilterState(*others[: len(ErrorStateFilterState._fields)]),
+            others[len(ErrorStateFilterState._fields) :],
+        )
         readings = tuple(map(StoredReading, ports[0::2], ports[1::2]))
         return filter_step(self.structure, memory, parameters, gyroscope, accelerometer, readings)
 
@@ -443,7 +458,7 @@ def _state_at_present(
     ahead: Estimate | None,
 ) -> State:
     """Return the estimated state of the vehicle at the present."""
-    present = predicted(estimate if ahead is None else ahead, increment, parameters.gravity)
+    present = predict(estimate if ahead is None else ahead, increment, parameters.gravity)
     return state_of(present, gyroscope, parameters.imu)
 
 
@@ -538,16 +553,16 @@ class ErrorStateKalmanFilter(FleetSystem):
             readings.append(valid)
         parameter = self.parameter("parameters", lambda parameters: parameters)
         initial = initial_memory(structure, parameters)
-        writes = Memory._make(
+        writes = ErrorStateFilterState._make(
             self.state(name, _InitialField(name, structure), is_scheduled=name in _SCHEDULED_FIELDS)
             if _has_rows(group)
             else None
-            for name, group in zip(Memory._fields, initial, strict=True)
+            for name, group in zip(ErrorStateFilterState._fields, initial, strict=True)
         )
         reads = [given if group is None else group for group, given in zip(writes, initial, strict=True)]
         arguments = parameter, gyroscope, accelerometer, *reads, *readings
         self.update(period, _Step(structure), *arguments, writes=writes, at_start=False)
-        present = parameter, gyroscope, writes.estimate, writes.increment, writes.ahead
+        present = parameter, gyroscope, writes.estimate, writes.increment, writes.estimate_at_block
         self.output("measurement", _state_at_present, *present)
         self.output("estimate_deviation", Covariance.deviations, writes.covariance)
         self.output("innovation", identity, writes.innovation, layout=rows_layout(structure.num_scalars))
@@ -572,9 +587,9 @@ def check_aiding(aiding: Sequence[Aiding], block_samples: int, parameters: Seque
     for each, given in zip(aiding, parameters, strict=True):
         if each.kind not in AIDING_LAWS:
             raise ValueError(f"{each.name} has the kind {each.kind!r}, but must have one of {', '.join(AIDING_LAWS)}")
-        if each.samples < 1 or each.samples % block_samples:
+        if each.period_samples < 1 or each.period_samples % block_samples:
             raise ValueError(
-                f"{each.name} has a period of {each.samples} samples, but must have a multiple of block_samples,"
+                f"{each.name} has a period of {each.period_samples} samples, but must have a multiple of block_samples,"
                 f" which is {block_samples}"
             )
         if type(given) is not each.law.aiding:

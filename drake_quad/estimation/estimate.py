@@ -88,7 +88,7 @@ NO_INCREMENT = InertialIncrement(
 )
 
 
-def extended(
+def extend_increment(
     increment: InertialIncrement, gyroscope: BodyRates, accelerometer: Vector, period: float
 ) -> InertialIncrement:
     """Return an increment with one more sample of the inertial measurement unit.
@@ -119,7 +119,7 @@ def extended(
     )
 
 
-def with_biases_of(increment: InertialIncrement, estimate: Estimate) -> InertialIncrement:
+def correct_increment_biases(increment: InertialIncrement, estimate: Estimate) -> InertialIncrement:
     """Return an increment, corrected for the difference between its biases and those of an estimate.
 
     The correction is linear in this difference, like the propagation of the covariance.
@@ -134,7 +134,7 @@ def with_biases_of(increment: InertialIncrement, estimate: Estimate) -> Inertial
     )
 
 
-def predicted(estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]) -> Estimate:
+def predict(estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]) -> Estimate:
     """Return the estimate at the end of an increment, given the estimate at its beginning."""
     axes, time = estimate.attitude.axes(), increment.duration
     change, way = axes.in_world(increment.velocity), axes.in_world(increment.position)
@@ -147,7 +147,7 @@ def predicted(estimate: Estimate, increment: InertialIncrement, gravity: Annotat
     )
 
 
-def with_error(estimate: Estimate, error: ErrorState) -> Estimate:
+def add_error(estimate: Estimate, error: ErrorState) -> Estimate:
     """Return an estimate after an estimated error has been added to it.
 
     The covariance is not changed, since its rotation by half of the error's angle (Solà, section 7.2) is an effect of

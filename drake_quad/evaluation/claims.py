@@ -9,9 +9,9 @@ from drake_quad.evaluation.entries import NETWORK_BASES, POSITION_NETWORK_BASES,
 from drake_quad.evaluation.families import FAMILY_OF
 from drake_quad.evaluation.results import (
     LAPS_LABORATORY,
-    PRICED_CONTROLLERS,
-    PRICED_DESIGNS,
-    PRICED_LABORATORY,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANT_LABORATORY,
+    SENSITIVITY_VARIANTS,
     Evaluation,
     Traits,
     laboratory_with_laps,
@@ -30,7 +30,7 @@ class _ControllerNames(dict[str, str]):
 
 
 CONTROLLER_NAMES = _ControllerNames(
-    {name: entry.label for name, entry in controller_entries(on_board=False, maps=True).items()}
+    {name: entry.label for name, entry in controller_entries(on_board=False, position_networks=True).items()}
 )
 
 
@@ -184,7 +184,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
     """Judge the claim that a smaller stability margin reduces the error; None if no controller has several designs."""
     parts, conditions = [], []
-    for controller in PRICED_CONTROLLERS:
+    for controller in SENSITIVITY_VARIANT_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)
         for (_, tight), (_, loose) in itertools.pairwise(designs):
             conditions.append(reduction(compare_common_samples(loose, tight).ratio).is_above(0.0))
@@ -211,12 +211,12 @@ def designs_by_sensitivity(evaluation: Evaluation, controller: str) -> list[tupl
     """Return the designs of a controller and their flights, sorted by peak sensitivity."""
     traits = {
         name: each
-        for name, each in evaluation.traits.get(PRICED_DESIGNS, {}).items()
+        for name, each in evaluation.traits.get(SENSITIVITY_VARIANTS, {}).items()
         if name.startswith(f"{controller}@")
     }
-    if controller in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}):
-        traits[controller] = evaluation.traits[FAMILY_OF[PRICED_LABORATORY]][controller]
-    designs = [(each, evaluation.flights[PRICED_LABORATORY][name]) for name, each in traits.items()]
+    if controller in evaluation.traits.get(FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY], {}):
+        traits[controller] = evaluation.traits[FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY]][controller]
+    designs = [(each, evaluation.flights[SENSITIVITY_VARIANT_LABORATORY][name]) for name, each in traits.items()]
     return sorted(designs, key=lambda design: design[0].sensitivity)
 
 

@@ -71,12 +71,12 @@ NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
 
 
-def controller_entries(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
+def controller_entries(*, on_board: bool, position_networks: bool) -> dict[str, ControllerEntry]:
     """Return all controllers by their names in files. Each controller with a network follows its base controller.
 
     Args:
         on_board: True if an autopilot on board the vehicle controls the attitude.
-        maps: True to include networks whose input is the position.
+        position_networks: True to include networks whose input is the position.
     """
     entries = _controllers(on_board)
     for name in ("pd", *NETWORK_BASES):
@@ -84,7 +84,7 @@ def controller_entries(*, on_board: bool, maps: bool) -> dict[str, ControllerEnt
         for kind in kinds:
             if kind != "t2fnn_map":
                 entries[f"{name}_{kind}"] = _network(entries[name], name, kind, _ERROR_INPUTS, _COVARIANCE_LAW)
-        if maps and name in POSITION_NETWORK_BASES:
+        if position_networks and name in POSITION_NETWORK_BASES:
             sets = _POSITION_INPUTS_ON_BOARD if on_board else _POSITION_INPUTS
             entries[f"{name}_t2fnn_map"] = _network(entries[name], name, "t2fnn_map", sets, _GRADIENT_LAW)
     return entries

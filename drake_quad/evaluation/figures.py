@@ -13,8 +13,8 @@ from drake_quad.evaluation.claims import CONTROLLER_NAMES, comparisons_by_labora
 from drake_quad.evaluation.entries import NETWORK_BASES, NETWORKS, POSITION_NETWORK_BASES
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.results import (
-    PRICED_CONTROLLERS,
-    PRICED_LABORATORY,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANT_LABORATORY,
     Evaluation,
     Traits,
     laboratory_with_laps,
@@ -48,7 +48,7 @@ def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
     yield "errors", errors_figure(evaluation)
     if reductions_by_network(evaluation):
         yield "networks", networks_figure(evaluation)
-    if evaluation.flights.get(PRICED_LABORATORY):
+    if evaluation.flights.get(SENSITIVITY_VARIANT_LABORATORY):
         yield "margins", margins_figure(evaluation)
     mapped = [name for name in POSITION_NETWORK_BASES if lap_counts(evaluation, f"{name}_t2fnn_map")]
     if mapped:
@@ -157,13 +157,13 @@ def networks_figure(evaluation: Evaluation) -> Figure:
 def margins_figure(evaluation: Evaluation) -> Figure:
     """Plot the error in high wind over the peak sensitivity and over the tolerated delay."""
     plain = {
-        name: (each, evaluation.flights[PRICED_LABORATORY][name])
-        for name, each in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}).items()
+        name: (each, evaluation.flights[SENSITIVITY_VARIANT_LABORATORY][name])
+        for name, each in evaluation.traits.get(FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY], {}).items()
         if not base_and_network(name)[1]
     }
     with print_panels(2.7, 1, 2, width=1.75 * COLUMN_WIDTH, sharey=True) as (figure, (row,)):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
-            for name in PRICED_CONTROLLERS:
+            for name in SENSITIVITY_VARIANT_CONTROLLERS:
                 designs = designs_by_sensitivity(evaluation, name)
                 if designs:
                     x, y = zip(*(_point(each, metrics, measure, unit) for each, metrics in designs), strict=True)
@@ -185,7 +185,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
         ticks = [tick for tick in (1, 2, 3, 5, 10, 20, 50) if low <= tick <= high]
         row[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         row[0].yaxis.set_minor_locator(NullLocator())
-        row[0].set_ylabel(f"RMSE in {PRICED_LABORATORY} (cm)")
+        row[0].set_ylabel(f"RMSE in {SENSITIVITY_VARIANT_LABORATORY} (cm)")
         legend_above(figure, row[0], 4, columnspacing=1.0)
         return figure
 

@@ -18,7 +18,7 @@ from drake_quad.evaluation.claims import (
 from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_EVALUATION_SAMPLE, LaboratoryFamily
 from drake_quad.evaluation.figures import evaluation_figures
-from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits
+from drake_quad.evaluation.results import SENSITIVITY_VARIANTS, Evaluation, Traits
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, write_claims
 from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
@@ -81,7 +81,7 @@ def report_markdown(evaluation: Evaluation, claims: Sequence[Claim], figures: Se
             f"- {rule}: {_claim_numbers(claims, rule)}" for rule in dict.fromkeys(each.rule for each in claims)
         ),
         families="\n\n".join(_family_section(evaluation, name, family) for name, family in FAMILIES.items()),
-        priced=_priced_table(evaluation),
+        sensitivity_variants=_sensitivity_variants_table(evaluation),
         entries=_entries_table(),
         missing=_missing_designs_text(evaluation),
         samples=_max_samples(evaluation),
@@ -237,9 +237,9 @@ def _crash_probabilities(evaluation: Evaluation, family: LaboratoryFamily, trait
     return "; ".join(fractions)
 
 
-def _priced_table(evaluation: Evaluation) -> str:
+def _sensitivity_variants_table(evaluation: Evaluation) -> str:
     rows = []
-    for name, each in evaluation.traits.get(PRICED_DESIGNS, {}).items():
+    for name, each in evaluation.traits.get(SENSITIVITY_VARIANTS, {}).items():
         controller, _, limit = name.partition("@")
         metrics = evaluation.flights["high wind"][name]
         mean = mean_interval(values_without_crashes(metrics, "rmse")).text(size=0.01)
@@ -248,7 +248,7 @@ def _priced_table(evaluation: Evaluation) -> str:
 
 
 def _entries_table() -> str:
-    entries = controller_entries(on_board=False, maps=True).values()
+    entries = controller_entries(on_board=False, position_networks=True).values()
     rows = [
         (
             each.label,

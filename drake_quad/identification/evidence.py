@@ -66,8 +66,8 @@ def jackknife(
 ) -> Uncertainty:
     """Return the uncertainty of p parameters, estimated by the jackknife over B blocks.
 
-    Each variance is at least the corresponding variance in `Uncertainty.model_covariance`, and each parameter has at least one
-    degree of freedom.
+    Each variance is at least the corresponding variance in `Uncertainty.model_covariance`, and each parameter has at
+    least one degree of freedom.
 
     Args:
         information: (B, p, p) information of the blocks.

@@ -60,7 +60,9 @@ def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
         )
 
 
-def imprecise_parameters(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
+def imprecise_parameters(
+    parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty
+) -> dict[str, str]:
     """Return a reason for each parameter whose interval is wide or whose estimate is at a physical limit.
 
     Args:

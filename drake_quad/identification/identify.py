@@ -105,7 +105,9 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
         training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
         training = fit(logs.predictor(parameter_names(parameters), training_masks), parameters, noise)
         forecasts = forecast(
-            logs.predictor(parameter_names(parameters), held_out_masks, for_forecast=True), training.values, training.noise
+            logs.predictor(parameter_names(parameters), held_out_masks, for_forecast=True),
+            training.values,
+            training.noise,
         )
         check_forecast(forecasts)
         start, noise = training.values, training.noise

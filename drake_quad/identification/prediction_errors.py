@@ -337,14 +337,16 @@ class Predictor:
         _, _, _, covariance, continued = self.initial
         return np.where(continued[:, None, None], covariance, np.diag(variances[self.rows]))
 
-    def errors(self, parameters: np.ndarray, gains: Gains, *, return_state_at: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def errors(
+        self, parameters: np.ndarray, gains: Gains, *, return_state_at: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors for K sets of parameters, all with the same filter gains.
 
         Args:
             parameters: (K, p) parameters.
             gains: gains of the filter.
-            return_state_at: index of a measurement. The returned state is the predicted state just before this measurement. By
-                default, it is the measurement at which the next window starts.
+            return_state_at: index of a measurement. The returned state is the predicted state just before this
+                measurement. By default, it is the measurement at which the next window starts.
 
         Returns:
             (T, m, K, W) errors, and (NUM_BODY + NUM_DISTURBANCE, K, W) states.

@@ -22,7 +22,7 @@ class _Group(NamedTuple):
 
 
 def leaf_paths(diagram: Diagram, *, excluded_systems: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of each leaf system in a diagram, as a tuple of names, except for subsystems in `excluded_systems`."""
+    """Yield the path of each leaf system in a diagram, as a tuple of names, except for `excluded_systems`."""
     for part in diagram.GetSystems():
         name = part.get_name()
         if name in excluded_systems:

@@ -30,6 +30,7 @@ _NUM_CHANGES = 60  # number of changes, from small to large, among which the fir
 _NUM_BISECTIONS = 24  # number of bisections between a stable and an unstable change
 _MAX_LIMIT_ERROR = 0.1  # largest relative error of a limit that is found on the first grid
 _NUM_REFINEMENTS = 2  # number of times that the grid is refined around the critical frequencies
+_HALF_POWER = math.sqrt(0.5)  # magnitude of -3 dB
 _MIN_FEEDBACK = 1e-9  # a signal has no feedback if |S - 1| is smaller than this value at all frequencies
 
 
@@ -62,7 +63,6 @@ def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -
                 limit.refine(loop)
         frequency, sensitivity = loop.fundamental()
         crossovers = _falling_crossings(frequency, np.abs(1.0 / sensitivity - 1.0), 1.0)
-        ends = _falling_crossings(frequency, np.abs(1.0 - sensitivity), math.sqrt(0.5))
         return Margins(
             gain=math.inf if increased.value is None else decibel(increased.value),
             gain_reduction=math.inf if reduced.value is None else -decibel(reduced.value),
@@ -71,7 +71,7 @@ def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -
             disk=1.0 / float(loop.sizes(0.5).max()),
             crossover=float(np.max(crossovers, initial=0.0)),
             sensitivity=float(loop.sizes(0.0).max()),
-            bandwidth=float(np.min(ends, initial=np.inf)),
+            bandwidth=_bandwidth(frequency, np.abs(1.0 - sensitivity)),
         )
 
 
@@ -187,6 +187,17 @@ class _Limit:
 def _encircles_zero(curve: np.ndarray) -> bool:
     """Return True if a curve, completed by its complex conjugate, encircles zero."""
     return abs(float(np.sum(np.angle(curve[1:] / curve[:-1])))) > 0.5 * math.pi
+
+
+def _bandwidth(frequency: np.ndarray, size: np.ndarray) -> float:
+    """Return the lowest frequency at which the magnitude of I - S falls below -3 dB, rad/s.
+
+    As in `drake_quad.linear.margins`, the result is 0 if the magnitude is below -3 dB already at the first frequency,
+    and infinite if it is above -3 dB at all frequencies.
+    """
+    if size[0] < _HALF_POWER:
+        return 0.0
+    return float(np.min(_falling_crossings(frequency, size, _HALF_POWER), initial=np.inf))
 
 
 def _falling_crossings(frequency: np.ndarray, size: np.ndarray, level: float) -> np.ndarray:

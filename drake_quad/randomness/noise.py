@@ -116,7 +116,7 @@ class NoiseSource(FleetSystem):
         """Declare ports and parameters."""
 
         def states(samples: Samples) -> tuple[tuple[StreamState, ...], ...]:
-            seed, *periods = samples.seed, samples.indices, *samples.later
+            seed, *periods = samples.seed, samples.indices, *samples.later_indices
             return tuple(
                 [
                     tuple([StreamState.of(stream_states(seed, each, stream.kind, stream.name)) for each in periods])
@@ -129,7 +129,7 @@ class NoiseSource(FleetSystem):
                 (
                     stream.num_rows,
                     stream.distribution == RandomDistribution.kGaussian,
-                    _ticks_in_period(noise_period, stream) if parameters.later else math.inf,
+                    _ticks_in_period(noise_period, stream) if parameters.later_indices else math.inf,
                 )
                 for stream in streams
             ]

@@ -53,19 +53,20 @@ class Samples(NamedTuple):
     Attributes:
         seed: seed of all samples, or a tuple with the seed of each sample.
         indices: index of the sample of each vehicle in the first period.
-        later: indices of the vehicles' samples in each period after the first; empty if there is only one period.
+        later_indices: indices of the vehicles' samples in each period after the first; empty if there is only one
+            period.
         period: length of each period, s; infinite if there is only one period.
     """
 
     seed: Seeds
     indices: Sequence[int]
-    later: Sequence[Sequence[int]] = ()
+    later_indices: Sequence[Sequence[int]] = ()
     period: float = math.inf
 
     @property
     def num_periods(self) -> int:
         """Number of periods."""
-        return 1 + len(self.later)
+        return 1 + len(self.later_indices)
 
 
 def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: str) -> np.ndarray:

@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
 
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.flight.flight import Flight
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment
 from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES, Sweep

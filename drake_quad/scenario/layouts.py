@@ -25,8 +25,8 @@ class RotorLayout(Model):
 
     Attributes:
         is_paired: True if opposite rotors of every airframe with this layout form pairs; see `paired_rotor_action`.
-        has_side_bars: True if animations show the frame as an H, with a bar on each side; False if they show an arm from
-            the middle to every rotor.
+        has_side_bars: True if animations show the frame as an H, with a bar on each side; False if they show an arm
+            from the middle to every rotor.
     """
 
     kind: str

@@ -32,7 +32,7 @@ from drake_quad.scenario.quantities import (
     field_from_record,
     max_ticks,
 )
-from drake_quad.scenario.sensors.aiding import AidingSensor, AidingModel
+from drake_quad.scenario.sensors.aiding import AidingModel, AidingSensor
 
 # Markers that are aligned by eye are accurate to within 20°, or 0.35 rad.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)

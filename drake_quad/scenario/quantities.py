@@ -58,8 +58,8 @@ class Rule:
         lower: smallest valid number; None if there is no lower bound.
         upper: largest valid number; None if there is no upper bound.
         is_whole: whether numbers must be whole.
-        applies_to_written_numbers: whether the rule applies to the numbers as written (such as distribution parameters), before
-            pydantic converts them, instead of to all values of a distribution.
+        applies_to_written_numbers: whether the rule applies to the numbers as written (such as distribution
+            parameters), before pydantic converts them, instead of to all values of a distribution.
     """
 
     check: Callable[[Any], Any]

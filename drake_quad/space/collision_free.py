@@ -22,7 +22,7 @@ from drake_quad.reference.planner import (
 )
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.regions import Box, Corridor, Sphere, WaypointRegion, intersection_of, overlap
-from drake_quad.space.blocked import explain_blockage
+from drake_quad.space.blockage import explain_blockage
 from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.passage import Passage, candidate_regions, find_passage, other_passages, region_chain
 from drake_quad.space.regions import SLACK, Regions

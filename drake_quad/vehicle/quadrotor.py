@@ -92,7 +92,10 @@ def initial_body_state(pose: HoverPose, motion: InitialMotion = HOVER_MOTION) ->
 
 
 def initial_state(
-    parameters: QuadrotorParameters, pose: HoverPose, effects: Effects = NO_EFFECTS, motion: InitialMotion = HOVER_MOTION
+    parameters: QuadrotorParameters,
+    pose: HoverPose,
+    effects: Effects = NO_EFFECTS,
+    motion: InitialMotion = HOVER_MOTION,
 ) -> VehicleState:
     """Return the state of a vehicle at time 0, with a full battery and with a slung load that hangs at rest.
 
@@ -104,7 +107,9 @@ def initial_state(
         speed * factor for speed, factor in zip(speeds, (first, second, third, fourth), strict=True)
     )
     swing = None if effects.slung_load is None else HANGING_AT_REST
-    return VehicleState(initial_body_state(pose, motion), rotors, swing, None if effects.battery is None else FULL_BATTERY_CHARGE)
+    return VehicleState(
+        initial_body_state(pose, motion), rotors, swing, None if effects.battery is None else FULL_BATTERY_CHARGE
+    )
 
 
 def vehicle_battery_load(

@@ -163,7 +163,10 @@ def plot_rotors(flight: Flight) -> Figure:
         figure = new_figure(9.0, 6.0)
         grid = figure.add_gridspec(len(ROTOR_COLORS), 2, width_ratios=[3.2, 1.0])
         first = figure.add_subplot(grid[0, 0])
-        panels = [first, *(figure.add_subplot(grid[i, 0], sharex=first, sharey=first) for i in range(1, len(ROTOR_COLORS)))]
+        panels = [
+            first,
+            *(figure.add_subplot(grid[i, 0], sharex=first, sharey=first) for i in range(1, len(ROTOR_COLORS))),
+        ]
         for axes, (name, speed), color in zip(panels, speeds._asdict().items(), ROTOR_COLORS, strict=True):
             axes.plot(flight.time, speed, color=color, linewidth=1.0)
             axes.plot(flight.time, np.mean(speeds, axis=0), color="0.15", linewidth=0.8)

@@ -180,7 +180,8 @@ def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
     actual, reference = coordinates_by_axis(flight.record("state")), coordinates_by_axis(flight.record("reference"))
     finite = np.all([np.isfinite(actual[axis]) for axis in AXIS_COLORS], axis=0)  # a vehicle may have diverged
     ends = {
-        axis: [*actual[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXIS_COLORS
+        axis: [*actual[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)]
+        for axis in AXIS_COLORS
     }
     low = {axis: min(coordinates) - _MARGIN for axis, coordinates in ends.items()}
     low["z"] = max(low["z"], 0.0)

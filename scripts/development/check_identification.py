@@ -15,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError
-from drake_quad.command_line.options import parser_without_options, check_ranges, parse_overrides
+from drake_quad.command_line.options import check_ranges, parse_overrides, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import short_repr

@@ -6,7 +6,7 @@ from pathlib import Path
 from drake_quad.command_line.running import run
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.command_line.options import parser_without_options, check_ranges
+from drake_quad.command_line.options import check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.design.cascade import design_cascade, with_gains, with_integrals

@@ -8,7 +8,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import Flight, load_scenario, simulate_samples
-from drake_quad.command_line.options import parser_without_options, check_ranges
+from drake_quad.command_line.options import check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table

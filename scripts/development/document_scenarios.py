@@ -17,7 +17,9 @@ _FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 
 
 def main() -> None:
-    options = parser_without_options(__doc__, "python scripts/development/document_scenarios.py --output docs/reference")
+    options = parser_without_options(
+        __doc__, "python scripts/development/document_scenarios.py --output docs/reference"
+    )
     options.add_argument("--output", type=Path, default=Path("out/docs"), help="folder (default: %(default)s)")
     folder = output_folder(options.parse_args().output)
     schema = json.dumps(file_schema(), indent=1, ensure_ascii=False) + "\n"

@@ -26,7 +26,7 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.result import EstimatedValue, Identification
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_values import vehicle_value, with_vehicle_values
-from drake_quad.identification.validation.estimator import VelocityError, linear_drag, estimate_velocity_error
+from drake_quad.identification.validation.estimator import VelocityErrorEstimate, estimate_velocity_error, linear_drag
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.loading import load_undesigned
@@ -107,7 +107,7 @@ def vehicle(
     log: str,
     base: Scenario,
     identification: Identification,
-    estimate: VelocityError,
+    estimate: VelocityErrorEstimate,
     drag: tuple[EstimatedValue, EstimatedValue],
 ) -> str:
     """Return the YAML text of the scenario that is identified from a log.
@@ -215,7 +215,10 @@ def normal(mean: float, deviation: float, low: float | None = None, high: float 
 
 
 def table_rows(
-    log: str, identification: Identification, estimate: VelocityError, drag: tuple[EstimatedValue, EstimatedValue]
+    log: str,
+    identification: Identification,
+    estimate: VelocityErrorEstimate,
+    drag: tuple[EstimatedValue, EstimatedValue],
 ) -> list[tuple[str, str, str, str]]:
     """Return the rows of the printed table that belong to a log."""
     estimates = identification.estimates

@@ -11,8 +11,8 @@ from drake_quad import StudyFleet, plan_route
 from drake_quad.command_line.options import (
     add_controller,
     add_overrides,
-    parser_without_options,
     check_ranges,
+    parser_without_options,
     scenario_from_arguments,
 )
 from drake_quad.command_line.progress import counting_bar

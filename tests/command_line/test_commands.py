@@ -270,7 +270,7 @@ def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_e
 @pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(tune, "Budget", partial(Budget, candidates=32, checks=2, steps=4))
+    monkeypatch.setattr(tune, "Budget", partial(Budget, candidates=32, limit_evaluations=2, local_search_steps=4))
     soft = ["diagrams/laboratory.yaml:low_wind", "--controller", "diagrams/gains/laboratory.yaml"]
     soft += ["--set", "duration=3", "--rounds", "1", "--samples", "1"]
     loose = ["--sensitivity", "20", "--delay-margin", "0.002", "--output", tmp_path]

@@ -89,7 +89,7 @@ def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch,
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     actual = SimpleNamespace(
         ranges=["mass"], stable_scale=1.234, unstable=SimpleNamespace(values={"mass": 1.0}, scale=1.3),
-        lost=SimpleNamespace(values={}, scale=float("inf")), gap=0.05, num_cells=7,
+        without_equilibrium=SimpleNamespace(values={}, scale=float("inf")), gap=0.05, num_cells=7,
     )  # fmt: skip
     certified = []
     monkeypatch.setattr(
@@ -321,7 +321,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     motors = SimpleNamespace(take_throttles=True, voltage=11.1)
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
     actual = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
-    predictions = SimpleNamespace(losses=lambda vehicle: f"{vehicle} loses")
+    predictions = SimpleNamespace(remark_on_worse_predictions=lambda vehicle: f"{vehicle} loses")
     prints = dict.fromkeys(
         ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
     )

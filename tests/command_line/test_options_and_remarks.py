@@ -155,7 +155,7 @@ def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, m
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)),
         identify=SimpleNamespace(estimates=None, vehicle=vehicle), write_vehicle=None, save_figures=[],
-        predict_held_out=SimpleNamespace(losses=lambda _: ""), **prints,
+        predict_held_out=SimpleNamespace(remark_on_worse_predictions=lambda _: ""), **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)
@@ -222,7 +222,7 @@ def test_the_command_draw_shows_the_diagram_of_the_first_sample(run, replaced, t
 def test_further_overrides_come_after_those_of_the_command_line():
     """Later overrides have priority, so `--set` cannot change the worst case that `--worst` defines for a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
-    scenario = scenario_from_arguments(arguments, further=parse_overrides(["duration=2"], "--worst"))
+    scenario = scenario_from_arguments(arguments, extra_overrides=parse_overrides(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)
     assert scenario_from_arguments(arguments).duration == 3.0
 

@@ -29,11 +29,11 @@ from drake_quad.command_line import (
 )
 from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
-from drake_quad.design.gains import PolePair, RegulatorRequirements
+from drake_quad.design.gains import OutputRegulator, PolePair
 from drake_quad.design.tuning import Budget, TuningParameter
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED_DESIGNS
+from drake_quad.evaluation.results import SENSITIVITY_VARIANTS
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
@@ -547,7 +547,7 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
     assert {axis: each.effort for axis, each in damped.items() if each.effort} == {"yaw": 3.0, "x": 2.0, "y": 2.0}
     costs = {axis: each.family for axis, each in options("--method", "lqr", "--loop", "yaw.rate_time=0.0").items()}
     times = {"roll": 0.2, "pitch": 0.2, "yaw": 0.0, "x": 1.0, "y": 1.0, "z": 0.2}
-    assert costs == {axis: RegulatorRequirements(time) for axis, time in times.items()}
+    assert costs == {axis: OutputRegulator(time) for axis, time in times.items()}
 
 
 @pytest.mark.parametrize(
@@ -682,21 +682,23 @@ def test_judge_evaluates_all_families_unless_the_option_family_is_given(run, rep
 
 def test_judge_tunes_the_controllers_of_each_given_family(run, replaced):
     design_of = SimpleNamespace(name="pd", description="6 numbers")
-    calls = replaced("judge", design_family=[design_of], design_priced=[design_of] * 2, tunable_entries="entries")
-    result = run("judge", "--tune", "outdoor", PRICED_DESIGNS, "--rounds", 3, "--only", "pd")
+    calls = replaced(
+        "judge", design_family=[design_of], design_sensitivity_variants=[design_of] * 2, tunable_entries="entries"
+    )
+    result = run("judge", "--tune", "outdoor", SENSITIVITY_VARIANTS, "--rounds", 3, "--only", "pd")
     assert result.returncode == 0
     (((_, name, family, entries), named),) = calls["design_family"]
     assert (name, family, entries, named) == ("outdoor", FAMILIES["outdoor"], "entries", {"budget": Budget(rounds=3)})
     assert calls["tunable_entries"][0][0][0] == FAMILIES["outdoor"]
     assert calls["tunable_entries"][0][0][2] == ["pd"]
-    assert calls["design_priced"][0][1] == {"budget": Budget(rounds=3)}
+    assert calls["design_sensitivity_variants"][0][1] == {"budget": Budget(rounds=3)}
     assert result.stdout.count("outdoor: pd, 6 numbers, 0 s\n") == 1
-    assert result.stdout.count(f"{PRICED_DESIGNS}: pd, 6 numbers, 0 s\n") == 2
+    assert result.stdout.count(f"{SENSITIVITY_VARIANTS}: pd, 6 numbers, 0 s\n") == 2
     assert run("judge", "--tune").returncode == 0
     assert [arguments[1] for arguments, _ in calls["design_family"][1:]] == [*FAMILIES]
-    assert len(calls["design_priced"]) == 2
+    assert len(calls["design_sensitivity_variants"]) == 2
     for rounds, status in ((0, 2), (1, 0), (1000, 0), (1001, 2)):
-        assert run("judge", "--tune", PRICED_DESIGNS, "--rounds", rounds).returncode == status
+        assert run("judge", "--tune", SENSITIVITY_VARIANTS, "--rounds", rounds).returncode == status
 
 
 def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):

@@ -27,7 +27,7 @@ from drake_quad.command_line import (
     study,
 )
 from drake_quad.command_line import map as stability_map
-from drake_quad.design.gains import AxisGains, PidGains, ProportionalGain
+from drake_quad.design.gains import AxisPdGains, PidGains, ProportionalGain
 from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
@@ -237,7 +237,7 @@ def loop_of(gains, *, limits=(), cost_ratio=None):
 def test_a_design_has_a_row_for_each_axis_in_order(capsys):
     loops = {
         "x": loop_of(PidGains(1.23456, 2.0, 0.5), limits=("phase", "delay"), cost_ratio=1.234),
-        "z": loop_of(AxisGains(3.0, 4.0)),
+        "z": loop_of(AxisPdGains(3.0, 4.0)),
     }
     on_board = {"roll rate": loop_of(ProportionalGain(9.0))}
     design.print_design(SimpleNamespace(loops=loops, on_board=on_board, all_loops=on_board | loops))

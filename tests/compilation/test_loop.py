@@ -44,7 +44,7 @@ def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, wi
         width=shared.shape[1] if width is None else width,
         single_vehicle=single_vehicle,
     )
-    flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded(n)), np.nan)
+    flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded_num_vehicles(n)), np.nan)
     loop.run(flat, parameters.ravel(), inputs.ravel(), shared, log, n)
     return flat.reshape(-1, n), log[:, :, :n]
 
@@ -89,7 +89,9 @@ def test_only_state_components_that_change_are_written(n):
     for events in (0, 1):
         state = np.arange(3.0 * n + 5.0)
         none = np.empty(0)
-        loop.run(state[: 3 * n], none, none, np.empty((events, 1)), np.empty((events, 0, loop.padded(n))), n)
+        loop.run(
+            state[: 3 * n], none, none, np.empty((events, 1)), np.empty((events, 0, loop.padded_num_vehicles(n))), n
+        )
         expected = np.arange(3.0 * n + 5.0)
         if events:
             expected[n : 2 * n] = expected[:n] + 1.0
@@ -110,8 +112,8 @@ def test_the_number_of_log_columns_is_rounded_up_to_whole_vectors_of_vehicles():
         Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
         for single_vehicle in (True, False)
     ]
-    assert loops[0].padded(1) == 1
-    assert [loops[1].padded(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
+    assert loops[0].padded_num_vehicles(1) == 1
+    assert [loops[1].padded_num_vehicles(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
     assert [loop.num_logged for loop in loops] == [1, 1]
 
 

@@ -13,7 +13,7 @@ from drake_quad.design.cascade import (
     hover_offset,
     position_plant,
 )
-from drake_quad.design.gains import AxisGains
+from drake_quad.design.gains import AxisPdGains
 from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.sampled_system import SampledSystem
 
@@ -77,7 +77,7 @@ def test_the_position_responds_to_a_commanded_acceleration_through_the_tilt(plan
     The tilt loop is much faster than the tested frequencies.
     """
     scenario, laboratory = plants
-    s, gains = 1j * 0.05, AxisGains(6.0, 4.0)
+    s, gains = 1j * 0.05, AxisPdGains(6.0, 4.0)
     for axis in "xy":
         plant = position_plant(laboratory, scenario, axis, gains)
         assert plant.outputs == (f"measurement.{axis}", f"measurement.v_{axis}")

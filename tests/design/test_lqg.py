@@ -167,9 +167,9 @@ def test_considered_plants_span_the_distributions_or_the_assumed_uncertainty(dia
     }
     on_board = considered_plants(load_scenario(f"{diagrams}/onboard.yaml"))
     assert on_board[0].response == SecondOrderResponse(8.817, 0.7259)
-    assert on_board[0].lags
+    assert on_board[0].has_series_lag
     identified, *others = considered_plants(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
-    assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
+    assert (identified.response, identified.has_series_lag) == (SecondOrderResponse(6.75, 0.48), False)
     # The slope of the thrust curve over the throttle is 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Plants with faster rotors have a faster attitude response.

@@ -69,7 +69,7 @@ def quadratic_error(parameters, *_):
     return 0.1 * np.exp(p * p + d * d - p * d)
 
 
-SEARCH_BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
+SEARCH_BUDGET = Budget(rounds=6, candidates=32, samples=1, limit_evaluations=4, local_search_steps=60)
 
 
 def test_the_gains_with_the_smallest_error_are_found(laboratory, stub_flights):
@@ -128,7 +128,7 @@ def test_the_rounds_of_a_search_converge_to_the_optimum_and_stay_in_range(labora
     A limit that no candidate violates has no influence.
     """
     record = stub_flights(quadratic_error)
-    budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
+    budget = Budget(rounds=6, candidates=64, samples=1, local_search_steps=1)
     tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], fractions, budget=budget)
     rounds = [each for each in record["varying"] if len(each[K_P_PARAMETER.paths[0]]) == 64]
     assert len(rounds) == 6
@@ -149,7 +149,7 @@ def test_the_rounds_of_a_search_converge_to_the_optimum_and_stay_in_range(labora
 def test_the_rounds_of_a_search_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
     """The limit is k_P ≤ 2. Candidates of the last round meet it, although larger k_P have a smaller error."""
     record = stub_flights(quadratic_error)
-    budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
+    budget = Budget(rounds=6, candidates=64, samples=1, limit_evaluations=8, local_search_steps=1)
     tune(
         [laboratory],
         [K_P_PARAMETER, K_D_PARAMETER],
@@ -237,7 +237,7 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_round
         lambda parameters, *_: quadratic_error(parameters) if K_P_PARAMETER.paths[0] in parameters else 1.0
     )
     scenarios = []
-    budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
+    budget = Budget(rounds=9, candidates=16, samples=1, local_search_steps=1)
     tune(
         [laboratory],
         [K_P_PARAMETER, HEIGHT_PARAMETER, K_D_PARAMETER],
@@ -256,7 +256,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
     record = stub_flights(quadratic_error)
     checked = []
     num_checked = []
-    budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
+    budget = Budget(rounds=3, candidates=32, samples=1, limit_evaluations=4, local_search_steps=5)
 
     def fractions(scenario):
         checked.append((len(record["varying"]), scenario.control.position.k_p[0]))
@@ -373,7 +373,7 @@ def test_the_assumed_error_of_predicted_margin_ratios_decreases_in_each_round(la
     monkeypatch.setattr(
         tuning._EvaluatedPoints, "penalties", lambda known, points, uncertainty: doubts.append(uncertainty) or 0.0
     )
-    budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
+    budget = Budget(rounds=5, candidates=8, samples=1, local_search_steps=1)
     tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], lambda scenario: np.array([9.0]), budget=budget)
     np.testing.assert_allclose(doubts[::2], tuning._INITIAL_UNCERTAINTY * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.design.gains import AxisGains, pd_loop
+from drake_quad.design.gains import AxisPdGains, pd_loop
 from drake_quad.design.stability_map import mapped_plant, simulated_map, stability_map
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.margins import margins
@@ -38,7 +38,7 @@ def test_each_point_of_the_map_has_the_poles_and_margins_of_a_single_loop(scenar
     gain_map = stability_map(plant, k_p, k_d)
     assert 0 < gain_map.stable.sum() < gain_map.stable.size
     for i, j in np.ndindex(gain_map.stable.shape):
-        gains = AxisGains(k_p[i], k_d[j])
+        gains = AxisPdGains(k_p[i], k_d[j])
         closed = plant.with_feedback(np.array([gains]))
         assert gain_map.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
         if not gain_map.stable[i, j]:

@@ -23,9 +23,9 @@ from drake_quad.estimation.corrections import (
     VelocityAiding,
     YawAiding,
 )
-from drake_quad.estimation.covariance import Covariance, InertialNoise, propagated
+from drake_quad.estimation.covariance import Covariance, InertialNoise, propagate
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.estimation.estimate import NO_INCREMENT, Estimate, extended, predicted, state_of
+from drake_quad.estimation.estimate import NO_INCREMENT, Estimate, extend_increment, predict, state_of
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import BodyRates, EstimateDeviation
@@ -257,7 +257,7 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
             innovation = innovation_of(kind, reading, gyroscope, lever)
             squared_innovation = dense.correct(innovation, DEVIATIONS[kind], linearised)
         dense.predict(gyroscope, accelerometer, H)
-    estimate = predicted(system.get_state(context, "estimate"), system.get_state(context, "increment"), GRAVITY)
+    estimate = predict(system.get_state(context, "estimate"), system.get_state(context, "increment"), GRAVITY)
     R = np.array(estimate.attitude.axes()).T
     np.testing.assert_allclose(estimate.position, dense.p, atol=1e-9, rtol=0.0)
     np.testing.assert_allclose(estimate.velocity, dense.v, atol=1e-9, rtol=0.0)
@@ -316,8 +316,8 @@ def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
             np.testing.assert_allclose(flat(at_horizon), flat(estimates[k - horizon]), atol=1e-10, rtol=0.0)
     increment = NO_INCREMENT
     for gyroscope, force in zip(gyroscopes[k - k % 2 - horizon :], forces[k - k % 2 - horizon :], strict=True):
-        increment = extended(increment, BodyRates(*gyroscope), Vector(*force), H)
-    expected = state_of(predicted(at_horizon, increment, GRAVITY), BodyRates(*gyroscopes[-1]))
+        increment = extend_increment(increment, BodyRates(*gyroscope), Vector(*force), H)
+    expected = state_of(predict(at_horizon, increment, GRAVITY), BodyRates(*gyroscopes[-1]))
     np.testing.assert_allclose(systems[1].GetOutputPort("measurement").Eval(contexts[1]), expected, atol=1e-10)
 
 
@@ -377,8 +377,8 @@ def normalised_errors(system, context, p, v, R, b_g, b_a):
     estimate, covariance, increment = (
         system.get_state(context, name) for name in ("estimate", "covariance", "increment")
     )
-    P = matrices(propagated(covariance, increment, estimate.attitude.axes(), NOISE))
-    estimate = predicted(estimate, increment, GRAVITY)
+    P = matrices(propagate(covariance, increment, estimate.attitude.axes(), NOISE))
+    estimate = predict(estimate, increment, GRAVITY)
     axes = np.moveaxis(np.array(estimate.attitude.axes()), -1, 0).transpose(0, 2, 1)
     errors = np.hstack(
         [

@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits, laboratory_with_laps
+from drake_quad.evaluation.results import SENSITIVITY_VARIANTS, Evaluation, Traits, laboratory_with_laps
 from drake_quad.laboratory.metrics import Metrics
 
 NUM_FLIGHTS = 40
@@ -54,4 +54,4 @@ def evaluation(type_1_ratio=0.9, type_2_ratio=0.8, *, crashed=()):
         result[laboratory_with_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, scatter=count)}
     traits = {name: Traits(2.2, 0.06, 0.09, 80e-6, 1e-6) for name in errors}
     designs_by_sensitivity = {f"indi@{limit:g}": Traits(limit, 0.05, 0.1 / limit, 1e-4, 1e-6) for limit in (1.6, 3.0)}
-    return Evaluation(result, {"laboratory": traits, "outdoor": traits, PRICED_DESIGNS: designs_by_sensitivity})
+    return Evaluation(result, {"laboratory": traits, "outdoor": traits, SENSITIVITY_VARIANTS: designs_by_sensitivity})

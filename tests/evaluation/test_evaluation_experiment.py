@@ -19,20 +19,22 @@ from drake_quad.evaluation.experiment import (
     fly_evaluation,
     fly_family,
     fly_laps,
-    fly_priced,
+    fly_sensitivity_variants,
     missing_designs,
 )
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily, overrides_for_laps
 from drake_quad.evaluation.results import (
-    PRICED_CONTROLLERS,
-    PRICED_DESIGNS,
     SENSITIVITY_LIMITS,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANTS,
     Traits,
     laboratory_with_laps,
-    priced_name,
+    sensitivity_variant_name,
 )
 
-SIZES = EvaluationSizes(samples=7, uncompiled=3, laps=5, max_laps=3, delayed=4, max_delay_frames=6)
+SIZES = EvaluationSizes(
+    samples=7, num_uncompiled_samples=3, num_lap_samples=5, max_laps=3, num_delay_samples=4, max_delay_frames=6
+)
 
 
 @pytest.fixture
@@ -49,7 +51,9 @@ def replaced_flights(monkeypatch):
         lambda scenario, count, compiled=True: (("flown", scenario, count, compiled), f"time {scenario[0]}"),
     )
     monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (f"peak {scenario}", f"delay {scenario}"))
-    monkeypatch.setattr(experiment, "delay_flown", lambda scenario, sizes: f"stood {scenario} {sizes.delayed}")
+    monkeypatch.setattr(
+        experiment, "delay_flown", lambda scenario, sizes: f"stood {scenario} {sizes.num_delay_samples}"
+    )
     monkeypatch.setattr(
         experiment, "single_vehicle_time", lambda scenario, compiled=True: f"lone {scenario} {compiled}"
     )
@@ -61,7 +65,7 @@ def replaced_flights(monkeypatch):
 
 
 def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, diagrams):
-    family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
+    family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, position_networks=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
         *result, last = fly_family(diagrams, "mine", family, name, SIZES)
         uncompiled = name == "mpc"
@@ -130,8 +134,10 @@ def test_networks_with_the_position_as_input_and_their_base_controllers_fly_one_
 
 
 def test_designs_with_other_sensitivity_limits_fly_in_high_wind(replaced_flights, diagrams):
-    result = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
-    names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
+    result = list(
+        fly_sensitivity_variants(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0))
+    )
+    names = [sensitivity_variant_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
     assert [each[:2] for each in result] == [
         (laboratory, name) for name in names for laboratory in ("high wind", "priced")
     ]
@@ -247,11 +253,15 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
         calls.append(("laps", name, family, entries, sizes))
         yield laboratory_with_laps(1), "pd", flights(0.2)
 
-    def fly_priced(folder, family, entries, sizes):
+    def fly_sensitivity_variants(folder, family, entries, sizes):
         calls.append(("priced", family, entries, sizes))
-        yield PRICED_DESIGNS, "indi@3", traits
+        yield SENSITIVITY_VARIANTS, "indi@3", traits
 
-    for name, function in {"fly_family": fly_family, "fly_laps": fly_laps, "fly_priced": fly_priced}.items():
+    for name, function in {
+        "fly_family": fly_family,
+        "fly_laps": fly_laps,
+        "fly_sensitivity_variants": fly_sensitivity_variants,
+    }.items():
         monkeypatch.setattr(experiment, name, function)
     write_all_designs_but(tmp_path, "outdoor", ["mpc"])
     write_all_designs_but(tmp_path, "laboratory", [])
@@ -270,7 +280,7 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
         ("laps", "laboratory", laboratory, ["pd", "mpc"], QUICK),
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
-    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED_DESIGNS]
+    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", SENSITIVITY_VARIANTS]
     assert reports == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # The results are written after each job.
     assert rows == [NUM_FLIGHTS, 2 * NUM_FLIGHTS, 3 * NUM_FLIGHTS, 4 * NUM_FLIGHTS, 4 * NUM_FLIGHTS]
@@ -278,7 +288,7 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
     }  # fmt: skip
     assert {name: [*each] for name, each in result.traits.items()} == {
-        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED_DESIGNS: ["indi@3"],
+        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], SENSITIVITY_VARIANTS: ["indi@3"],
     }  # fmt: skip
     for name in ("mpc", "moon"):
         with pytest.raises(InputError, match="none of the chosen controllers has a design"):
@@ -302,7 +312,7 @@ def tuned(monkeypatch):
 
 
 @pytest.mark.slow
-def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_priced_designs(
+def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_sensitivity_variants(
     tuned, monkeypatch, diagrams, tmp_path
 ):
     """INDI is tuned by the search and LQG from Riccati equations, each with four limits."""
@@ -316,15 +326,19 @@ def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_priced
     )
     monkeypatch.setattr(LoopLimit, "margin_ratios", lambda limit, scenario: limit.sensitivity)
     budget = Budget(rounds=2, candidates=4)
-    designs = list(protocol.design_priced(folder, budget=budget))
+    designs = list(protocol.design_sensitivity_variants(folder, budget=budget))
     path = design_file(folder, "priced")
-    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITY_LIMITS]
+    names = [
+        sensitivity_variant_name(name, limit)
+        for name in SENSITIVITY_VARIANT_CONTROLLERS
+        for limit in SENSITIVITY_LIMITS
+    ]
     assert [each.name for each in designs] == [*read_designs(path)] == names
     assert list(path.parent.iterdir()) == [path]
     assert path.read_text(encoding="utf-8").startswith(
         "# Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity"
     )
-    entry = controller_entries(on_board=False, maps=False)["indi"]
+    entry = controller_entries(on_board=False, position_networks=False)["indi"]
     assert read_designs(path)["indi@1.6"] == entry.geometric_mean()
     for (scenarios, fractions, used_budget, extra_latency, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
@@ -349,7 +363,11 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
     family = LaboratoryFamily(
-        {"low wind": "mine.yaml"}, ("low wind",), "low wind", lap_overrides=overrides_for_laps(2), maps=True
+        {"low wind": "mine.yaml"},
+        ("low wind",),
+        "low wind",
+        lap_overrides=overrides_for_laps(2),
+        position_networks=True,
     )
     calls = []
 
@@ -358,7 +376,10 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
         return 0.03
 
     monkeypatch.setattr(protocol, "tolerated_delay", tolerated)
-    entries = {name: controller_entries(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
+    entries = {
+        name: controller_entries(on_board=False, position_networks=True)[name]
+        for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")
+    }
     budget = Budget(rounds=3)
     designs = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
     suffix = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"

@@ -58,18 +58,18 @@ def test_the_committed_report_has_the_default_evaluation_sizes_and_all_claims(ro
     assert text.startswith("#")
     for phrase in (
         f" laboratories with {sizes.samples} samples each",
-        f"| MPC ({sizes.uncompiled} samples) |",
+        f"| MPC ({sizes.num_uncompiled_samples} samples) |",
         f"in lap {sizes.max_laps} its RMSE is smaller by",
     ):
         assert phrase in text
     budget, limit, text_in_one_line = Budget(), LoopLimit(), " ".join(text.split())
     for phrase in (
-        f"none of {sizes.delayed} samples crashes",
+        f"none of {sizes.num_delay_samples} samples crashes",
         f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
         f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
-        f"checked for {budget.checks} candidates in each round",
-        f"(COBYLA) of {budget.steps} steps",
+        f"checked for {budget.limit_evaluations} candidates in each round",
+        f"(COBYLA) of {budget.local_search_steps} steps",
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
     ):
         assert phrase in text_in_one_line
@@ -236,14 +236,14 @@ def test_the_report_describes_the_protocol_with_its_values(evaluated):
         f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
-        f"checked for {budget.checks} candidates in each round",
-        f"(COBYLA) of {budget.steps} steps",
+        f"checked for {budget.limit_evaluations} candidates in each round",
+        f"(COBYLA) of {budget.local_search_steps} steps",
         "trained in some of them: laboratory: low wind and high wind; outdoor: outdoor;",
         f"in machine code on {machine()}.",
     ):
         assert phrase in text
     assert all(f"figures/{name}.png" in text for name in CAPTIONS)
-    entries = controller_entries(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, position_networks=True)
     rows = rows_of(report_markdown(evaluated, claims, []))
     for each in entries.values():
         tuned = f"search over {len(each.parameters)} numbers" if each.parameters else "Riccati equations"
@@ -264,12 +264,12 @@ def test_the_report_lists_each_rule_with_the_numbers_of_its_claims(evaluated):
 def test_controller_entries_without_a_design_are_listed(evaluated):
     text = report_markdown(evaluated, all_claims(evaluated), [])
     (line,) = (line for line in text.split("\n") if line.startswith("- outdoor: ") and " cm " not in line)
-    known = controller_entries(on_board=False, maps=False)
+    known = controller_entries(on_board=False, position_networks=False)
     names = [each.label for name, each in known.items() if name not in evaluated.traits["outdoor"]]
     assert line == f"- outdoor: {', '.join(names)}"
     complete = evaluation()
     for name, family in FAMILIES.items():
-        names = controller_entries(on_board=family.on_board, maps=family.maps)
+        names = controller_entries(on_board=family.on_board, position_networks=family.position_networks)
         complete.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
         for laboratory in family.laboratories:
             complete.flights[laboratory] = {

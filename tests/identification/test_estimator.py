@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from drake_quad.errors import InputError
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.validation import estimator
-from drake_quad.identification.validation.estimator import linear_drag, velocity_estimate
+from drake_quad.identification.validation.estimator import estimate_velocity_error, linear_drag
 from drake_quad.scenario.files.loading import load_undesigned
 
 PERIOD = 0.004  # s, sampling period
@@ -40,7 +40,7 @@ def synthetic_flight(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_scale_error_drift_and_correlation_time_are_recovered(noise):
-    result = velocity_estimate(synthetic_flight(240.0, noise=noise))
+    result = estimate_velocity_error(synthetic_flight(240.0, noise=noise))
     assert abs(result.scale_error[0].value - SCALE_ERROR) < 3.0 * result.scale_error[0].deviation
     assert result.scale_error[0].deviation < 0.02
     assert [fraction.value for fraction in result.scale_error[1:]] == [0.0, 0.0]
@@ -54,7 +54,7 @@ def test_scale_error_drift_and_correlation_time_are_recovered(noise):
 
 def test_position_noise_does_not_count_as_drift():
     """Noise of 1 mm adds 14 mm/s to differences over 0.1 s, of which less than 3 mm/s may remain."""
-    result = velocity_estimate(synthetic_flight(240.0, noise=1e-3, drift=0.0))
+    result = estimate_velocity_error(synthetic_flight(240.0, noise=1e-3, drift=0.0))
     assert result.drift.max() < 3e-3
 
 
@@ -64,7 +64,7 @@ def test_position_noise_does_not_count_as_drift():
 def test_a_short_log_or_a_log_without_motion_is_refused(record, message):
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     with pytest.raises(InputError, match=message):
-        velocity_estimate(record)
+        estimate_velocity_error(record)
     with pytest.raises(InputError, match=message):
         linear_drag(record, base)
 
@@ -98,7 +98,7 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     """
     rate = 7.0
     amplitude = np.array([0.03, 0.05, 0.02])
-    result = velocity_estimate(swinging(amplitude, rate))
+    result = estimate_velocity_error(swinging(amplitude, rate))
     np.testing.assert_allclose([fraction.value for fraction in result.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     expected_drift = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
     np.testing.assert_allclose(result.drift, expected_drift, rtol=0.02)
@@ -108,7 +108,7 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     deviations = [fraction.deviation for fraction in result.scale_error[:2]]
     assert result.scale_error[2].deviation == pytest.approx(np.mean(deviations))
     # The scale errors are exact if there is no sinusoidal error.
-    exact = velocity_estimate(swinging(np.zeros(3), rate))
+    exact = estimate_velocity_error(swinging(np.zeros(3), rate))
     np.testing.assert_allclose([fraction.value for fraction in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     assert exact.drift.max() < 1e-3
 
@@ -131,7 +131,7 @@ def test_the_drift_of_a_swinging_vehicle_does_not_contain_position_noise():
     noisy = FlightRecord(
         "noisy", record.time, position=record.position + 1e-3 * random.normal(size=(4000, 3)), velocity=record.velocity
     )
-    drift, noisy_drift = (velocity_estimate(each).drift for each in (record, noisy))
+    drift, noisy_drift = (estimate_velocity_error(each).drift for each in (record, noisy))
     np.testing.assert_allclose(noisy_drift, drift, rtol=0.06)
 
 
@@ -140,12 +140,12 @@ def test_the_first_half_second_of_a_log_is_left_out():
     record = swinging(np.array([0.03, 0.03, 0.03]), 7.0)
     velocity = record.velocity + np.where(record.time < 3.4, 0.5, 0.0)[:, None]
     position = record.position + np.where(record.time < 3.2, 0.1, 0.0)[:, None]
-    expected = velocity_estimate(record)
+    expected = estimate_velocity_error(record)
     for signals in (
         {"position": record.position, "velocity": velocity},
         {"position": position, "velocity": record.velocity},
     ):
-        settled = velocity_estimate(FlightRecord("settles", record.time, **signals))
+        settled = estimate_velocity_error(FlightRecord("settles", record.time, **signals))
         np.testing.assert_allclose(settled.drift, expected.drift, rtol=1e-6)
         np.testing.assert_allclose(
             [s.value for s in settled.scale_error], [s.value for s in expected.scale_error], rtol=1e-9
@@ -159,7 +159,7 @@ def test_a_scale_error_is_the_slope_of_the_velocity_error_over_the_velocity():
     amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
     position, speed = (np.outer(each, amplitude) for each in (-np.cos(log.time), np.sin(log.time)))
     log = FlightRecord("made", log.time, position=log.position + position, velocity=log.velocity + 0.98 * speed)
-    result = velocity_estimate(log)
+    result = estimate_velocity_error(log)
     chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
     # A sample on the boundary of two blocks belongs to the later one.
     blocks = np.floor(chosen / 0.5)

@@ -171,7 +171,7 @@ class LinearPredictor:
     def __init__(self, rows: np.ndarray, measured: np.ndarray) -> None:
         self.rows, self.target = rows, measured
         self.windows = range(rows.shape[1])
-        self.counted = np.full(len(rows), True)
+        self.evaluated = np.full(len(rows), True)
 
     def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
         whitening = np.ones((*self.target.shape, 1, 1))
@@ -251,7 +251,7 @@ def test_a_step_to_parameters_with_a_diverging_model_is_rejected(monkeypatch: py
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
             theta = parameters[:, 0]
             error = np.where(theta > 1.2, 1e200 * theta, np.sqrt(np.abs(1.0 - theta)) * np.sign(1.0 - theta))
-            shape = (len(self.counted), 1, len(theta), len(self.windows))
+            shape = (len(self.evaluated), 1, len(theta), len(self.windows))
             result = np.broadcast_to(error[None, None, :, None], shape)
             return result.copy(), np.zeros((1, len(theta), len(self.windows)))
 
@@ -555,7 +555,7 @@ def noise_found(
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood)
     predictor = SimpleNamespace(
         noise_groups=np.arange(14),
-        counted=np.arange(rows + 5) >= 5,
+        evaluated=np.arange(rows + 5) >= 5,
         windows=range(windows),
         model=SimpleNamespace(frame=frame),
     )
@@ -690,7 +690,7 @@ class DelayedPredictor:
     def __init__(self) -> None:
         self.model = SimpleNamespace(delay_index=1)
         self.inputs = SimpleNamespace(period=self.period)
-        self.counted = np.array([False, True, True])
+        self.evaluated = np.array([False, True, True])
         random = np.random.default_rng(7)
         self.outputs, self.states = random.normal(size=(3, 2, 4)), random.normal(size=(5, 4))
         self.gains = EMPTY_GAINS._replace(whitening=np.tile(np.diag([2.0, 10.0]), (3, 4, 1, 1)))
@@ -748,10 +748,10 @@ def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> No
     deviations = np.array([0.5, 2.0])
     whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
     whitening[:2] *= 100.0
-    counted = np.arange(5) >= 2
+    evaluated = np.arange(5) >= 2
     errors = np.random.default_rng(2).normal(size=(3, 3, 2))
     result = fitting._likelihood(
-        SimpleNamespace(counted=counted), EMPTY_GAINS._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
+        SimpleNamespace(evaluated=evaluated), EMPTY_GAINS._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
     )  # fmt: skip
     normal = scipy.stats.norm(scale=deviations)
     constant = 0.5 * np.log(2.0 * np.pi) * errors.size

@@ -179,7 +179,7 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
         sizes=SimpleNamespace(length=WINDOW_LENGTH),
         rows=np.arange(6, 20),
         period=period,
-        counted=np.arange(settle + WINDOW_LENGTH) >= settle,
+        evaluated=np.arange(settle + WINDOW_LENGTH) >= settle,
         duration=2.0 * num_windows,
     )
     decaying, constant = random.normal(size=(2, settle + WINDOW_LENGTH, 2, num_windows))

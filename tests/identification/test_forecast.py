@@ -43,17 +43,17 @@ def predictor():
         prediction_errors[NUM_SETTLING_SAMPLES:, i, 0] = fraction * curved[:, i]
     last_call = {}
 
-    def errors(parameters, gains, keep):
-        last_call.update(parameters=parameters, gain=gains.gain, keep=keep)
+    def errors(parameters, gains, return_state_at):
+        last_call.update(parameters=parameters, gain=gains.gain, return_state_at=return_state_at)
         return prediction_errors, state[:, None]
 
-    counted = np.arange(NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES) >= NUM_SETTLING_SAMPLES
+    evaluated = np.arange(NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES) >= NUM_SETTLING_SAMPLES
     gains = Gains(gain=np.ones((NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES, 12, 4, NUM_WINDOWS)))
     stub = SimpleNamespace(
         gains=lambda parameters, noise: gains,
         errors=errors,
         measured=measured,
-        counted=counted,
+        evaluated=evaluated,
         period=PERIOD,
         outputs=OUTPUTS,
     )
@@ -93,7 +93,7 @@ def test_a_forecast_ignores_measurements_after_the_filter_has_settled(predictor)
     forecast(stub, np.array([1.0, 2.0]), NOISE)
     np.testing.assert_array_equal(last_call["gain"][:NUM_SETTLING_SAMPLES], 1.0)
     np.testing.assert_array_equal(last_call["gain"][NUM_SETTLING_SAMPLES:], 0.0)
-    assert last_call["keep"] == NUM_SETTLING_SAMPLES
+    assert last_call["return_state_at"] == NUM_SETTLING_SAMPLES
     np.testing.assert_array_equal(last_call["parameters"], [[1.0, 2.0]])
 
 

@@ -61,14 +61,14 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
     predictor = Predictor(LogModel(scenario, [DELAY]), [record], windows, sizes, outputs, split=2)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-3), np.full(6, 0.1))
     gains = predictor.gains(np.array([DELAY_IN_LABORATORY]), noise)
-    errors = gains.errors[predictor.counted]
-    white = (gains.whitening[predictor.counted] @ errors.transpose(0, 2, 1)[..., None])[..., 0]
+    errors = gains.errors[predictor.evaluated]
+    white = (gains.whitening[predictor.evaluated] @ errors.transpose(0, 2, 1)[..., None])[..., 0]
     count = white[..., 0].size
     np.testing.assert_allclose(np.mean(white**2, axis=(0, 1)), 1.0, atol=5.0 * np.sqrt(2.0 / count))
     for lag in (1, 2, 5):
         correlation = np.mean(white[lag:] * white[:-lag], axis=(0, 1))
         np.testing.assert_allclose(correlation, 0.0, atol=5.0 / np.sqrt(count))
-    wrong = predictor.gains(np.array([0.01]), noise).errors[predictor.counted]
+    wrong = predictor.gains(np.array([0.01]), noise).errors[predictor.evaluated]
     assert np.mean(wrong**2) > 2.0 * np.mean(errors**2)
 
 

@@ -251,7 +251,7 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     ]
     values, deviations = np.array([3.1, 0.0, 0.002]), np.array([0.1, 0.01, 0.0015])
     uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
-    result = identifiability.not_identified(parameters, values, uncertainty)
+    result = identifiability.imprecise_parameters(parameters, values, uncertainty)
     assert "at the limit of what is physically possible" in result["linear_drag"]
     # The interval of a positive parameter would extend below zero.
     assert "its 95 % interval is 0.0020 ± 0.0031" in result["inertia[0]"]
@@ -267,7 +267,7 @@ def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_giv
     measured = np.zeros((50, 3, 1))
     measured[:, :2, 0] = time[:, None]
     outputs = [Output("position", column) for column in range(3)]
-    predictor = SimpleNamespace(outputs=outputs, measured=measured, counted=np.full(50, True), period=0.02)
+    predictor = SimpleNamespace(outputs=outputs, measured=measured, evaluated=np.full(50, True), period=0.02)
     parameters = [Parameter("linear_drag", 0.1, 0.1, 0.0), Parameter("inertia[0]", 0.01, 0.01)]
     mass = rotors.vehicle.mass
     for force, is_below in ((0.1, False), (0.4, True)):
@@ -305,7 +305,7 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
 
     def parameters_below(position, force, *, outputs=outputs, first=0):
         predictor = SimpleNamespace(
-            outputs=outputs, measured=position[:, :, None], counted=np.arange(200) >= first, period=0.02
+            outputs=outputs, measured=position[:, :, None], evaluated=np.arange(200) >= first, period=0.02
         )
         noise = PredictionNoise(np.ones(3), np.array([*force, 1.0, 1.0, 1.0]), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.full(5, 0.2))
@@ -366,7 +366,7 @@ def test_an_identified_parameter_has_an_interval_narrower_than_its_prior_that_ex
     """The half-width is 2.04 standard deviations for 30 degrees of freedom."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
-    result = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
+    result = identifiability.imprecise_parameters(parameters, np.array([0.7]), uncertainty)
     assert (result == {}) == identified
 
 

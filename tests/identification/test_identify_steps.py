@@ -376,6 +376,6 @@ def test_remarks_on_clocks_and_on_fast_commands_are_listed_after_remarks_on_the_
 
 def test_prepared_logs_list_their_signals():
     logs = PreparedLogs([log_of(3.0)], load_scenario("hover"), POSE, [np.full(300, True)], False)
-    assert (logs.signals, logs.poses, logs.voltage) == ({"position", "attitude"}, True, None)
-    assert not logs._replace(outputs=[Output("body_rates", 0)]).poses
-    assert logs._replace(outputs=[Output("velocity", 0)]).poses
+    assert (logs.signals, logs.has_poses, logs.voltage) == ({"position", "attitude"}, True, None)
+    assert not logs._replace(outputs=[Output("body_rates", 0)]).has_poses
+    assert logs._replace(outputs=[Output("velocity", 0)]).has_poses

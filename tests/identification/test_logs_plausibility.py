@@ -7,7 +7,7 @@ import scipy.constants as known
 from drake_quad.identification.logs.conversion import Table, _Clocks
 from drake_quad.identification.logs.plausibility import implausible_signals, position_jumps
 from drake_quad.identification.logs.record import QUANTITIES
-from drake_quad.identification.logs.timing import rising_samples, timing_remarks
+from drake_quad.identification.logs.timing import increasing_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 
 # Size of each unit in SI units.
@@ -165,7 +165,7 @@ def test_time_steps_that_vary_by_a_twentieth_of_their_median_are_uneven(fraction
 
 def test_times_beyond_1e12_seconds_are_left_out():
     for latest, is_kept in ((9.9e11, True), (1.1e12, False), (-9.9e11, False), (-1.1e12, False)):
-        assert rising_samples(np.array([0.0, 1.0, latest]))[0][2] == is_kept
+        assert increasing_samples(np.array([0.0, 1.0, latest]))[0][2] == is_kept
 
 
 @pytest.mark.parametrize("name", ["imu", ""])

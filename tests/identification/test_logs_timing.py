@@ -9,7 +9,7 @@ from written_logs import DATA
 
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.timing import gaps, rising_samples, timing_remarks
+from drake_quad.identification.logs.timing import gaps, increasing_samples, timing_remarks
 from drake_quad.identification.windows import segment_numbers
 
 
@@ -31,7 +31,7 @@ def record(time):
     ],
 )
 def test_samples_out_of_order_are_left_out(time, expected, phrases):
-    chosen, remarks = rising_samples(np.array(time, dtype=float))
+    chosen, remarks = increasing_samples(np.array(time, dtype=float))
     assert np.array(time)[chosen].tolist() == expected
     assert len(remarks) == len(phrases)
     for remark, each in zip(remarks, phrases, strict=True):
@@ -40,11 +40,11 @@ def test_samples_out_of_order_are_left_out(time, expected, phrases):
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
 def test_the_times_of_kept_samples_increase_and_increasing_times_are_all_kept(time):
-    chosen, remarks = rising_samples(time)
+    chosen, remarks = increasing_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
     in_order = np.unique(time[np.isfinite(time)])
-    assert rising_samples(in_order)[0].all()
+    assert increasing_samples(in_order)[0].all()
 
 
 def test_a_record_is_divided_at_its_gaps():

@@ -211,7 +211,11 @@ def test_an_attitude_response_has_the_commanded_attitude_among_its_inputs():
     sizes = WindowSizes(length=6, settle=3, warm_up=2)
     inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 40)], sizes, split=1, max_delay=0.0)
     np.testing.assert_array_equal(inputs.commands[:, 4:, 0], angles[33:48])
-    assert (vehicle.responds, vehicle.throttles, vehicle.command_signal) == (True, True, "motor_command")
+    assert (vehicle.has_attitude_response, vehicle.takes_throttles, vehicle.command_signal) == (
+        True,
+        True,
+        "motor_command",
+    )
     result = vehicle.physical_parameters(np.ones((1, 0))).response
     autopilot = responding.laboratory.autopilot
     assert tuple(result.frequencies if hasattr(result, "frequencies") else result[0]) == autopilot.natural_frequency
@@ -341,7 +345,7 @@ def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
     span, command, air = Span(PERIOD, voltages[30] / 12.0), Throttle(*throttles[30]), Wind(*inputs.wind[3, :, 0])
     expected = specific_force(body, rotors, command, air, disturbance, span, model_parameters, "world")
     np.testing.assert_allclose(model.specific_force(states)[:, 0, 0], np.ravel(expected), atol=1e-9)
-    attitude = Attitude(*angles[30]) if vehicle.responds else LEVEL
+    attitude = Attitude(*angles[30]) if vehicle.has_attitude_response else LEVEL
     body_after, rotors_after = step(body, rotors, command, attitude, air, disturbance, span, model_parameters, "world")
     model.step(states)
     np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(body_after), atol=1e-9)

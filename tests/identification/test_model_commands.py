@@ -162,7 +162,7 @@ def test_a_parameter_of_a_missing_effect_is_zero(flight):
 
 
 def test_a_level_vehicle_responds_to_attitude_commands(flight):
-    assert LogModel(level_vehicle(flight.scenario), ()).responds
+    assert LogModel(level_vehicle(flight.scenario), ()).has_attitude_response
 
 
 def test_measured_states_include_the_misalignment_of_markers(responding):

@@ -102,7 +102,7 @@ def test_pieces_contain_the_signals_of_the_log_and_the_command_of_each_form(vehi
             np.testing.assert_allclose(getattr(piece, name), smoothed(values), atol=1e-9, err_msg=f"{form} {name}")
         np.testing.assert_allclose(piece.travel, integrals(smoothed(expected["velocity"])), atol=1e-9)
         # A command depends on measurements up to 0.15 s before it, and smoothing on two samples on each side.
-        np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 598))
+        np.testing.assert_array_equal(np.flatnonzero(piece.evaluated), np.arange(17, 598))
     assert not limited.any()
     assert len(limited) == len(TIME)
     assert remarks == [f"the thrust is divided by the nominal mass, {vehicle.nominal.mass:g} kg"]
@@ -194,7 +194,7 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     reference[300:, 2] += 0.2
     result, _ = prepared_pieces(record_of(reference_position=reference), vehicle, [])
     (piece,) = result["acceleration"]
-    left_out = np.setdiff1d(np.arange(17, 598), np.flatnonzero(piece.counted))
+    left_out = np.setdiff1d(np.arange(17, 598), np.flatnonzero(piece.evaluated))
     assert np.all(np.diff(left_out) == 1)
     assert 293 <= left_out[0] < 297
     # The parabolas before and after the jump have opposite curvatures of the same size.
@@ -203,7 +203,7 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     for size, counts in ((49.0, True), (51.0, False)):
         bent = 0.5 * size * np.maximum(TIME - 3.0, 0.0)[:, None] ** 2 * np.array([0.0, 1.0, 0.0])
         result, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
-        assert result["acceleration"][0].counted[400] == counts
+        assert result["acceleration"][0].evaluated[400] == counts
 
 
 def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicle):
@@ -221,7 +221,7 @@ def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicl
     thrust = record.thrust_command / vehicle.nominal.mass
     expected = smoothed(law_output(record, thrust, "acceleration", vehicle.nominal.gravity)[217:437])
     np.testing.assert_allclose(piece.command, expected, atol=1e-12)
-    np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 218))
+    np.testing.assert_array_equal(np.flatnonzero(piece.evaluated), np.arange(17, 218))
     assert len(limited) == len(time)
     with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
         prepared_pieces(record.subset(slice(217)), vehicle, [])
@@ -231,7 +231,7 @@ def test_a_stretch_of_a_slow_log_needs_sixty_samples_for_the_regression(vehicle)
     """At 20 Hz, delay and smoothing need seven samples in addition to the sixty of the regression."""
     time = 0.05 * np.arange(67)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
-    assert piece.counted.sum() == 60
+    assert piece.evaluated.sum() == 60
     with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
         prepared_pieces(record_of(time[:66]), vehicle, [])
 
@@ -244,13 +244,13 @@ def test_samples_at_a_limit_and_on_the_ground_are_not_used_in_the_regression(veh
     result, limited = prepared_pieces(record_of(time, attitude_command=cut, thrust_command=thrust), vehicle, [])
     (piece,) = result["acceleration"]
     # The last second before the landing is left out.
-    assert not piece.counted[time[: len(piece.time)] > 5.0].any()
+    assert not piece.evaluated[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
     # A sample is at a limit if its distance to the limit is less than 0.5 % of the range.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
-    np.testing.assert_array_equal(piece.counted[:500], eroded(usable))
+    np.testing.assert_array_equal(piece.evaluated[:500], eroded(usable))
 
 
 def test_logs_without_motion_are_refused(vehicle):
@@ -389,11 +389,11 @@ def test_a_constant_command_is_not_at_a_limit():
 
 @pytest.mark.parametrize(("seconds", "expected"), [(10.0, 15), (29.0, 15), (32.0, 16), (43.2, 22)])
 def test_regression_samples_are_divided_into_equal_blocks_of_two_seconds(vehicle, seconds, expected):
-    """There are at least fifteen blocks, in the order of time. Only samples in the mask `counted` belong to a block."""
+    """There are at least fifteen blocks, in the order of time. Only samples in `evaluated` belong to a block."""
     time = PERIOD * np.arange(1200)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     count = round(seconds / PERIOD / 4)
-    pieces = [piece._replace(counted=np.arange(1200) < count)] * 4
+    pieces = [piece._replace(evaluated=np.arange(1200) < count)] * 4
     numbers = block_numbers(pieces)
     assert len(numbers) == 4 * count
     assert numbers[0] == 0

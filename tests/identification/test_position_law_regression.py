@@ -76,7 +76,7 @@ def flown(terms=BASIC_TERMS, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0
         travel=position - position[0],
         deviation=np.zeros_like(error),
         anti_windup=np.zeros_like(error),
-        counted=time >= begin + settle,
+        evaluated=time >= begin + settle,
     )
 
 
@@ -120,8 +120,8 @@ def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
     (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
     undelayed = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
     command = np.interp(piece.time - delay, piece.time, undelayed)
-    counted = piece.counted & (piece.time >= 0.15)
-    result = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
+    evaluated = piece.evaluated & (piece.time >= 0.15)
+    result = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), evaluated=evaluated)], (0,))
     assert result.shape.delay == pytest.approx(delay, abs=2e-4)
     np.testing.assert_allclose(result.gains, [GAINS[name] for name in BASIC_TERMS], rtol=0.02)
     assert (result.terms, result.free) == (BASIC_TERMS, ("delay",))
@@ -166,11 +166,11 @@ def stacked(pieces, axes, terms):
     result, commands, free = [], [], []
     for axis in axes:
         for piece in pieces:
-            counted = piece.counted
-            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[counted, axis] for name in terms]
+            evaluated = piece.evaluated
+            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[evaluated, axis] for name in terms]
             result.append(np.column_stack(columns))
-            commands.append(piece.command[counted, axis])
-            free.append(np.column_stack([np.ones(counted.sum()), piece.time[counted]]))
+            commands.append(piece.command[evaluated, axis])
+            free.append(np.column_stack([np.ones(evaluated.sum()), piece.time[evaluated]]))
     return np.concatenate(result), np.concatenate(commands), scipy.linalg.block_diag(*free)
 
 
@@ -237,7 +237,7 @@ def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_secon
     for deviation, is_term in ((0.009, False), (0.011, True)):
         speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
         # Larger motion in samples that the regression does not use, or on another axis, is ignored.
-        slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
+        slow = np.column_stack([np.where(piece.evaluated, deviation * speed, speed), speed, speed])
         terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
         assert ("displacement" in terms) == ("reference_velocity" in terms) == is_term
         assert {"position", "velocity", "integral"} <= {*terms}
@@ -628,7 +628,7 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     piece = piece._replace(
         reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)
     )
-    limit = float(np.quantile(np.abs(piece.error[piece.counted][:, :2]), 0.75))
+    limit = float(np.quantile(np.abs(piece.error[piece.evaluated][:, :2]), 0.75))
     fit = search_fit([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
     fit = fit._replace(shape=fit.shape._replace(error_limit=limit))
     monkeypatch.setattr(law, "_imprecise", lambda spreads: {})
@@ -645,7 +645,7 @@ def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(
     used = []
 
     def fit_with_limit(pieces, axes):
-        used.append([np.flatnonzero(piece.counted) for piece in pieces])
+        used.append([np.flatnonzero(piece.evaluated) for piece in pieces])
         return fit_of_everything((1.0 - 1e-3, 1.0 - 1e-6, 1.0)[axes[0]])
 
     monkeypatch.setattr(law, "fit_with_limit", fit_with_limit)
@@ -655,6 +655,6 @@ def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(
     # Every third of 2000 samples is used, which is more than 600 samples.
     for actual, piece in zip(used[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
-        np.testing.assert_array_equal(actual, every[piece.counted[every]])
+        np.testing.assert_array_equal(actual, every[piece.evaluated[every]])
     law._log_unexplained([flown(seconds=6.0)])
     np.testing.assert_array_equal(used[-1][0], np.arange(100, 600))

@@ -126,8 +126,8 @@ def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
     assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
     for quantity in predictions.errors:
         for simple in PREDICTORS_WITHOUT_MODEL:
-            assert predictions.better(quantity, "right", simple, 0.5).low > 0.9
-    assert predictions.losses("right") == ""
+            assert predictions.error_reduction(quantity, "right", simple, 0.5).low > 0.9
+    assert predictions.remark_on_worse_predictions("right") == ""
 
 
 @pytest.mark.long
@@ -137,14 +137,14 @@ def test_a_prediction_with_a_vehicle_starts_from_the_velocity_of_the_kalman_filt
     position = record.position + 2e-3 * random.normal(size=record.position.shape)
     result = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
     for horizon in result.horizons:
-        assert result.better("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
+        assert result.error_reduction("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
 
 
 @pytest.mark.long
 def test_the_estimated_disturbance_compensates_a_wrong_thrust(predictions):
     """If the first vehicle has 10 % too much thrust, its filter estimates a force that compensates this for a while."""
     assert predictions.vehicles == ("stronger", "right", *PREDICTORS_WITHOUT_MODEL, WITH_DISTURBANCE)
-    assert predictions.better("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
+    assert predictions.error_reduction("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
 
 
 @pytest.mark.long
@@ -153,7 +153,7 @@ def test_ten_percent_more_thrust_accelerates_upwards_by_a_tenth_of_gravity(predi
     """The rotors already follow the commands at the start, so the additional thrust acts at once."""
     expected = 0.5 * 0.1 * 9.81 * horizon**2
     assert predictions.rmse("position", "stronger", horizon).value == pytest.approx(expected, rel=0.1)
-    better = predictions.better("position", "right", "stronger", horizon)
+    better = predictions.error_reduction("position", "right", "stronger", horizon)
     assert better.low > 0.8
     assert better.value == pytest.approx(
         1.0 - predictions.rmse("position", "right", horizon).value / expected, abs=0.05
@@ -176,14 +176,19 @@ def test_a_vehicle_that_predicts_significantly_worse_than_a_baseline_is_reported
     similar_errors = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
     errors = np.stack([2.0 * similar_errors, similar_errors, 3.0 * similar_errors])
     names = ("mine", *PREDICTORS_WITHOUT_MODEL)
-    result = of_errors(errors, names, quantity="body_rates").losses("mine")
+    result = of_errors(errors, names, quantity="body_rates").remark_on_worse_predictions("mine")
     assert result == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
     scattered_errors = np.stack(
         [np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * similar_errors]
     )
-    assert of_errors(scattered_errors, names).better("position", "mine", "constant velocity", 0.5).value < 0.0
-    assert of_errors(scattered_errors, names).losses("mine") == ""
-    assert of_errors(np.stack([similar_errors, 2.0 * similar_errors, 2.0 * similar_errors]), names).losses("mine") == ""
+    assert of_errors(scattered_errors, names).error_reduction("position", "mine", "constant velocity", 0.5).value < 0.0
+    assert of_errors(scattered_errors, names).remark_on_worse_predictions("mine") == ""
+    assert (
+        of_errors(
+            np.stack([similar_errors, 2.0 * similar_errors, 2.0 * similar_errors]), names
+        ).remark_on_worse_predictions("mine")
+        == ""
+    )
 
 
 def test_intervals_of_an_rms_error_follow_from_blocks():
@@ -195,7 +200,7 @@ def test_intervals_of_an_rms_error_follow_from_blocks():
     half_width = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
     assert result.value == pytest.approx(math.sqrt(np.mean(squares)))
     assert result.high == pytest.approx(result.value * math.exp(half_width), rel=1e-6)
-    assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
+    assert given.error_reduction("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
     assert concatenate_predictions([given, given]).starts(0.5) == 12
     single = Predictions(
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
@@ -207,12 +212,12 @@ def test_intervals_of_an_rms_error_follow_from_blocks():
 def test_a_model_without_errors_is_better_than_all_others():
     given = of_errors(np.stack([np.zeros(6), np.arange(1.0, 7.0)]), ("exact", "other"))
     assert given.rmse("position", "exact", 0.5) == (0.0, 0.0, 0.0)
-    assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
-    assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
-    assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
+    assert given.error_reduction("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
+    assert np.isnan(given.error_reduction("position", "other", "exact", 0.5)).all()
+    assert np.isnan(given.error_reduction("position", "exact", "exact", 0.5)).all()
     # A vehicle whose error is zero in some of the predictions is compared like any other.
     errors = np.stack([np.array([0.0, 1.0, 2.0, 1.0]), np.array([2.0, 2.0, 0.0, 4.0])])
-    some = of_errors(errors).better("position", "one", "other", 0.5)
+    some = of_errors(errors).error_reduction("position", "one", "other", 0.5)
     assert some.value == pytest.approx(1.0 - math.sqrt(6.0 / 24.0))
     assert some.low < some.value < some.high
 
@@ -256,13 +261,13 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
     assert result.low / result.value == pytest.approx(math.exp(-half_width), rel=1e-6)
     empty = Predictions(("one",), (2.0,), log, time, {"position": np.full((1, 1, 120), np.nan)})
     assert np.isnan(empty.rmse("position", "one", 2.0)).all()
-    assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
+    assert np.isnan(empty.error_reduction("position", "one", "one", 2.0)).all()
 
 
 def test_the_interval_of_a_comparison_of_vehicles_follows_from_paired_differences():
     """The squared errors of each vehicle are divided by their mean before the difference is taken."""
     first, second = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
-    better = of_errors(np.stack([first, second])).better("position", "one", "other", 0.5)
+    better = of_errors(np.stack([first, second])).error_reduction("position", "one", "other", 0.5)
     ratio = math.sqrt(np.mean(first**2) / np.mean(second**2))
     differences = first**2 / np.mean(first**2) - second**2 / np.mean(second**2)
     half_width = 0.5 * quantile(11) * math.sqrt(12.0 / 11.0 * np.sum(differences**2)) / 12.0
@@ -443,4 +448,4 @@ def test_the_height_of_a_flight_without_attitude_is_predicted(root):
     vehicles = {"identified": result.vehicle, "data sheet": base}
     predictions = predict(second, vehicles, nominal=base, horizons=(0.5,))
     assert set(predictions.errors) == {"height", "climb"}
-    assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8
+    assert predictions.error_reduction("height", "identified", "data sheet", 0.5).low > 0.8

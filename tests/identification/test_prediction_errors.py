@@ -195,14 +195,14 @@ def test_an_open_loop_prediction_begins_at_the_last_measurement_of_the_filter(sc
     steps = [1, 3, 20]
     begin, *ends = predictor.open_loop(values, gains, steps)
     last = SIZES.settle - 1
-    errors, before = predictor.errors(values[None], gains, keep=last)
+    errors, before = predictor.errors(values[None], gains, return_state_at=last)
     after = before[:, 0].copy()
     after[predictor.rows] += np.einsum("nmw,mw->nw", gains.gain[last], errors[last, :, 0])
     for column in (0, 1):
         np.testing.assert_allclose(begin[:, column], after[:NUM_BODY], atol=1e-12)
-    held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
+    held = gains._replace(gain=np.where(predictor.evaluated[:, None, None, None], 0.0, gains.gain))
     for step, end in zip(steps, ends, strict=True):
-        _, expected = predictor.errors(values[None], held, keep=last + step)
+        _, expected = predictor.errors(values[None], held, return_state_at=last + step)
         np.testing.assert_allclose(end[:, 1], expected[:NUM_BODY, 0], atol=1e-9)
     disturbed, undisturbed = ends[0][:, 1], ends[0][:, 0]
     force, torque, constant = after[NUM_BODY : NUM_BODY + 3], after[NUM_BODY + 3 : NUM_BODY + 6], after[NUM_BODY + 6 :]
@@ -223,7 +223,7 @@ def test_windows_begin_at_the_measured_states_with_zeros_for_unmeasured_states(s
         np.testing.assert_array_equal(predictor.measured[:, :3, w], log.position[first : start + SIZES.length])
         np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
     np.testing.assert_array_equal(state[[6, 7, 8, *range(NUM_BODY, NUM_BODY + NUM_DISTURBANCE)]], 0.0)
-    np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
+    np.testing.assert_array_equal(predictor.evaluated, np.arange(30) >= 10)
     # The initial standard deviations are 1 m, 0.5 rad, 2 m/s and 10 rad/s, followed by those of disturbance and wind
     # force.
     noise = noise_of(POSE)

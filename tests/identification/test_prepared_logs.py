@@ -47,7 +47,7 @@ def test_logs_faster_than_125_hertz_are_averaged(rotors: Scenario, period: float
 
 
 def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[float, float, float]:
-    sizes = logs.predictor((), logs.flying, horizon=horizon).sizes
+    sizes = logs.predictor((), logs.flying, for_forecast=horizon).sizes
     return tuple(logs.period * samples for samples in sizes)  # type: ignore[return-value]
 
 
@@ -92,7 +92,7 @@ def test_a_flight_of_three_windows_is_too_short(rotors: Scenario) -> None:
     with pytest.raises(InputError, match=r"^the flight in the logs contains only 3 windows of 0.9 s in the air"):
         short.predictor((), short.flying)
     with pytest.raises(InputError, match=r"^the held-out part of the logs contains only 0 windows of .* in the air"):
-        enough.predictor((), [np.zeros(len(enough.records[0].time), dtype=bool)], horizon=True)
+        enough.predictor((), [np.zeros(len(enough.records[0].time), dtype=bool)], for_forecast=True)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_the_step_of_the_model_is_at_most_about_a_hundredth_of_a_second(
     rotors: Scenario, period: float, split: int
 ) -> None:
     logs, _ = prepare([log_of(200 * period, *POSE, period=period)], rotors)
-    predictor = logs.predictor((), logs.flying, horizon=True)
+    predictor = logs.predictor((), logs.flying, for_forecast=True)
     assert predictor.split == split
     assert predictor.inputs.period == pytest.approx(period / split)
     # The inputs extend beyond the window by at least a delay of 0.15 s plus one sample.

@@ -36,7 +36,7 @@ _MIN_AIR_SPEED = 0.2  # m/s, smallest standard deviation of the air speed from w
 _MIN_SPEED_RATIO = 0.3
 
 
-class VelocityError(NamedTuple):
+class VelocityErrorEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
@@ -51,7 +51,7 @@ class VelocityError(NamedTuple):
     correlation_time: float
 
 
-def estimate_velocity_error(record: FlightRecord) -> VelocityError:
+def estimate_velocity_error(record: FlightRecord) -> VelocityErrorEstimate:
     """Estimate the error of a logged velocity that was estimated on board.
 
     Args:
@@ -92,7 +92,7 @@ def estimate_velocity_error(record: FlightRecord) -> VelocityError:
         scale_error if np.isfinite(scale_error.deviation) else scale_error._replace(deviation=mean_deviation)
         for scale_error in scale_errors
     ]
-    return VelocityError(
+    return VelocityErrorEstimate(
         (complete[0], complete[1], complete[2]), np.array(drifts), float(np.mean(correlation_times))
     )
 

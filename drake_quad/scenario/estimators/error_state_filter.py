@@ -18,8 +18,8 @@ from drake_quad.scenario.estimators.inertial import (
     InertialEstimator,
     aiding_sensor,
     exact_estimate,
-    path_of,
     none_if_zero,
+    path_of,
 )
 from drake_quad.scenario.quantities import (
     FixedAngleNoise,
@@ -136,7 +136,7 @@ class ErrorStateFilterSettings(InertialEstimator):
         structure = {
             "aiding": tuple(aiding),
             "period": period,
-            "block_samples": _block_samples([each.samples for each in aiding], period),
+            "block_samples": _block_samples([each.period_samples for each in aiding], period),
         }
         return Recipe(ErrorStateKalmanFilter, structure, filter_parameters)
 

@@ -30,7 +30,7 @@ from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
 if TYPE_CHECKING:
-    from drake_quad.space.around import CollisionFreeRoute
+    from drake_quad.space.collision_free import CollisionFreeRoute
 
 # Half a turn plus a rounding tolerance, rad. Successive yaws that differ by at most this angle describe a continuous
 # turn.
@@ -285,8 +285,8 @@ class WaypointRoute(MovingRoute):
         Raises:
             InputError: if no path exists or none is found.
         """
-        # Imported here, because space.around imports pydrake.planning, which most flights do not need.
-        from drake_quad.space.around import (
+        # Imported here, because space.collision_free imports pydrake.planning, which most flights do not need.
+        from drake_quad.space.collision_free import (
             check_waypoint_clearance,
             direct_route,
             plan_collision_free_path,
