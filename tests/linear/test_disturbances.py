@@ -58,7 +58,7 @@ def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equation
     np.testing.assert_allclose(angular_acceleration[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
 
 
-def test_each_vehicle_turns_according_to_its_sample_s_offset_of_the_centre_of_mass(asymmetric):
+def test_each_vehicle_turns_according_to_the_centre_of_mass_of_its_sample(asymmetric):
     offset = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
     scenario = asymmetric("pid", *(each for each in UNDISTURBED_OVERRIDES if "centre" not in each), HOVER_ROUTE, offset)
     batch = Batch.draw(scenario, range(4))

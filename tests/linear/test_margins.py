@@ -13,7 +13,7 @@ PERIOD = 0.02  # s
 
 
 def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
-    """Return a PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
+    """Return the loop of a PD controller and a double integrator with a lag, a zero-order hold and delay ticks."""
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
@@ -330,7 +330,7 @@ def first_order(pole, gain, direct=0.0):
 
 
 @pytest.mark.parametrize("frequency", [0.997e-4, 1.003e-4, 1e-3, 2.0])
-def test_the_bandwidth_of_an_integrator_is_its_closed_form_down_to_the_lowest_frequency(frequency):
+def test_the_bandwidth_of_an_integrator_agrees_with_its_closed_form_down_to_the_lowest_frequency(frequency):
     """|L / (1 + L)| = |k / (z - 1 + k)| falls below -3 dB where 4 (1 - k) sin²(ω h / 2) = k²."""
     k = frequency * PERIOD
     expected = 2.0 * np.arcsin(0.5 * k / np.sqrt(1.0 - k)) / PERIOD

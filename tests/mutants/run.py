@@ -54,10 +54,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="random seed for drawing the mutants")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument(
-        "--only", nargs="+", default=[""], help="mutate only files whose path in drake_quad/ begins with one of these"
+        "--only",
+        nargs="+",
+        default=[""],
+        help="mutate only files whose path in drake_quad/ begins with one of these prefixes",
     )
     parser.add_argument(
-        "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these"
+        "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these prefixes"
     )
     parser.add_argument(
         "--seconds", type=float, default=40.0, help="limit on the total recorded CPU time of one mutant's tests, s"
@@ -213,7 +216,9 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
         for after in entry["after"]
     }
     survived = [(file, mutant) for file, mutant, outcome in results if outcome.killer is None]
-    holes = [(file, mutant) for file, mutant in survived if (file, mutant.before, mutant.after) not in listed]
+    unlisted_survivors = [
+        (file, mutant) for file, mutant in survived if (file, mutant.before, mutant.after) not in listed
+    ]
     with (OUTPUT / "mutants.csv").open("w", newline="") as table:
         writer = csv.writer(table)
         writer.writerow(["file", "line", "kind", "before", "after", "killer", "tests"])
@@ -225,22 +230,23 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
             reason = listed.get((file, mutant.before, mutant.after), "not listed")
             table.write(f"{difference(file, mutant)}    {reason}\n\n")
     packages = sorted({package_of(file) for file, _, _ in results})
-    print(f"{'package':16}{'mutants':>9}{'killed':>9}{'listed':>9}{'holes':>9}{'score':>9}")
+    print(f"{'package':16}{'mutants':>9}{'killed':>9}{'listed':>9}{'unlisted':>10}{'score':>9}")
     below = []
     for package in (*packages, "all"):
         count, alive, unlisted = (
-            sum(package in (package_of(file), "all") for file, *_ in result) for result in (results, survived, holes)
+            sum(package in (package_of(file), "all") for file, *_ in result)
+            for result in (results, survived, unlisted_survivors)
         )
         killed = count - alive
         score = killed / (killed + unlisted) if killed + unlisted else 1.0
-        print(f"{package:16}{count:9}{killed:9}{alive - unlisted:9}{unlisted:9}{score:9.1%}")
+        print(f"{package:16}{count:9}{killed:9}{alive - unlisted:9}{unlisted:10}{score:9.1%}")
         if package != "all" and score < MIN_SCORE:
             below.append(package)
     num_timeouts = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
     if num_timeouts:
         print(
-            f"{num_timeouts} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; if the"
-            " machine was paused, run them again"
+            f"{num_timeouts} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; run them"
+            " again if the machine was suspended during the run"
         )
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:

@@ -87,7 +87,7 @@ def test_linear_models_contain_the_filter():
 
 
 @pytest.mark.slow
-def test_a_position_that_no_sensor_measures_has_no_stationary_error_unlike_with_an_unknown_yaw():
+def test_hover_has_a_stationary_position_error_without_a_yaw_sensor_but_not_without_a_position_sensor():
     """Without a compass, the yaw drifts, but a small error of the yaw does not act on the position in hover."""
     gnss = {"kind": "gnss", "period": 0.01, "position_noise": [0.1] * 3, "velocity_noise": [0.1] * 3}
     barometer = {"kind": "barometer", "period": 0.01, "height_noise": 0.1}

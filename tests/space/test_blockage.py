@@ -163,7 +163,7 @@ def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwa
     assert message.startswith("no route was found")
 
 
-def test_the_message_names_only_the_blocking_one_of_many_obstacles():
+def test_the_message_names_only_the_obstacle_that_blocks_the_way():
     """Only one of ten obstacles blocks the way. Pairs that contain this obstacle are not named."""
     harmless_boxes = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     message = explanation_of({**harmless_boxes, "a": wall(1.0)})

@@ -213,7 +213,7 @@ def test_a_path_passes_two_gates_that_a_wall_divides_on_the_same_side_of_the_wal
     assert points[:, 1].max() > 2.3
 
 
-def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
+def test_a_gate_with_almost_no_free_point_is_rejected_with_the_reason():
     """Two spheres leave a gap of 2 mm, and 21 points along 1 m have a spacing of 5 cm."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]

@@ -18,9 +18,9 @@ ROWS = np.array(
 
 
 def write(path, rows=ROWS, form=ROW_FORMAT):
-    with open_results(path, form) as (file, found):
+    with open_results(path, form) as (file, stored_rows):
         file.append(rows)
-    return found
+    return stored_rows
 
 
 def test_rows_are_read_as_they_were_written(tmp_path):
