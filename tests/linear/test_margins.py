@@ -66,10 +66,10 @@ def test_margins_match_python_control(k_p, k_d):
     grid = frequencies(PERIOD)
     data = control.FrequencyResponseData(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid, smooth=True)
     gain, phase, _, _, crossover, _ = control.stability_margins(data)
-    ours = margins(loop)
-    assert ours.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
-    assert ours.phase == pytest.approx(phase, rel=1e-8)
-    assert ours.crossover == pytest.approx(crossover, rel=1e-8)
+    actual = margins(loop)
+    assert actual.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
+    assert actual.phase == pytest.approx(phase, rel=1e-8)
+    assert actual.crossover == pytest.approx(crossover, rel=1e-8)
 
 
 @pytest.mark.slow

@@ -70,8 +70,8 @@ def test_a_trim_includes_a_payload_if_the_vehicle_carries_it_at_the_beginning_of
 )
 def test_a_linear_model_in_flight_matches_finite_differences(asymmetric_vehicle, effects):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
-    place = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
-    trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **place, effects=effects)
+    pose = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
+    trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **pose, effects=effects)
     system = affine_vehicle(trim, asymmetric_vehicle, effects=effects)
     config = QuadrotorConfig(asymmetric_vehicle, effects=effects)
     vehicle = Quadrotor(time_step=0.0, effects=effects.names, parameters=config)

@@ -160,10 +160,10 @@ def test_operations_on_systems_match_python_control():
 
 def test_python_control_and_scipy_have_the_same_poles_and_steps():
     system = random_system(np.random.default_rng(2))
-    ours = [np.zeros(5)]
+    outputs = [np.zeros(5)]
     for _ in range(40):
-        ours.append(system.A @ ours[-1] + system.B @ [1.0, 0.0])
-    steps = np.array(ours[:-1]) @ system.C.T + system.D[:, 0]
+        outputs.append(system.A @ outputs[-1] + system.B @ [1.0, 0.0])
+    steps = np.array(outputs[:-1]) @ system.C.T + system.D[:, 0]
     by_control, by_scipy = system.to_control(), system.to_scipy()
     assert by_scipy.dt == by_control.dt == system.period
     for poles in (by_control.poles(), np.linalg.eigvals(by_scipy.A)):

@@ -151,9 +151,11 @@ def test_a_path_can_be_converted_to_a_drake_trajectory():
         np.testing.assert_allclose(trajectory.value(time)[:, 0], waypoint, atol=1e-9)
     samples = np.linspace(1.0, 8.5, 101)
     for order in range(5):
-        ours = evaluate(path, samples, order)
-        theirs = np.array([trajectory.EvalDerivative(t, order)[:, 0] for t in samples]).T
-        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9 * max(1.0, np.abs(ours).max()))
+        path_values = evaluate(path, samples, order)
+        trajectory_values = np.array([trajectory.EvalDerivative(t, order)[:, 0] for t in samples]).T
+        np.testing.assert_allclose(
+            path_values, trajectory_values, rtol=0.0, atol=1e-9 * max(1.0, np.abs(path_values).max())
+        )
 
 
 @pytest.mark.parametrize(

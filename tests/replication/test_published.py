@@ -16,7 +16,6 @@ def test_the_table_has_ten_cells_with_known_names():
 
 
 def test_all_but_two_printed_means_agree_with_the_printed_runs():
-
     for cell, line in published_table().items():
         for runs in line:
             if not any(map(math.isnan, (*runs.runs, runs.mean))):

@@ -256,7 +256,7 @@ def varied_trees(draw):
 def mutated_trees(draw):
     tree = copy.deepcopy(draw(st.sampled_from(base_scenarios())))
     for _ in range(draw(st.integers(1, 3))):
-        path = draw(st.sampled_from([place for place in paths_in(tree) if place] or [("name",)]))
+        path = draw(st.sampled_from([each_path for each_path in paths_in(tree) if each_path] or [("name",)]))
         parent, last = part_at(tree, path[:-1]), path[-1]
         if last not in (parent if isinstance(parent, dict) else range(len(parent))):
             continue
@@ -473,13 +473,13 @@ def field_path(path):
 
 
 known_paths = st.deferred(
-    lambda: st.sampled_from([field_path(place) for seed in base_scenarios() for place in paths_in(seed) if place])
+    lambda: st.sampled_from([field_path(path) for seed in base_scenarios() for path in paths_in(seed) if path])
 )
 odd_assignments = st.one_of(
     st.tuples(known_paths, odd_values.map(yaml_of)).map("=".join),
     st.tuples(known_paths, st.text(max_size=6)).map("=".join),
     st.tuples(odd_texts, odd_values.map(yaml_of)).map("=".join),
-    known_paths.flatmap(lambda place: mutated_texts(f"{place}=1.0")),
+    known_paths.flatmap(lambda path: mutated_texts(f"{path}=1.0")),
     odd_texts,
 )
 
@@ -488,10 +488,10 @@ odd_assignments = st.one_of(
 def scenarios_with_overrides(draw):
     """Draw a scenario and overrides, most of which change its numbers."""
     tree = draw(st.sampled_from(base_scenarios()))
-    numbers = [place for place in paths_in(tree) if is_number(part_at(tree, place))]
+    numbers = [path for path in paths_in(tree) if is_number(part_at(tree, path))]
     overrides = []
-    for place in draw(st.lists(st.sampled_from(numbers), max_size=3)):
-        overrides.append(f"{field_path(place)}={yaml_of(draw(values_near(part_at(tree, place))))}")
+    for path in draw(st.lists(st.sampled_from(numbers), max_size=3)):
+        overrides.append(f"{field_path(path)}={yaml_of(draw(values_near(part_at(tree, path))))}")
     odd = draw(st.lists(odd_assignments, min_size=0 if overrides else 1, max_size=1))
     return tree, [*overrides, *odd]
 

@@ -129,12 +129,14 @@ def test_derivatives_of_drone_models_equal_ours_plus_three_additional_terms(dron
     assert RECORDED_MODELS["package"] == "drone-models 0.1.0"
     max_fractions = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:
-        ours, terms = drone.rates(sample), drone.additional_terms(sample)
+        our_derivatives, terms = drone.rates(sample), drone.additional_terms(sample)
         for index, (name, rows) in enumerate(DERIVATIVE_INDICES.items()):
             expected = np.array(sample[name])
             parts = {reason: term[index] for reason, term in terms.items()}
             scale = np.abs(expected).max()
-            np.testing.assert_allclose(ours[rows] + sum(parts.values()), expected, rtol=0.0, atol=1e-9 * scale)
+            np.testing.assert_allclose(
+                our_derivatives[rows] + sum(parts.values()), expected, rtol=0.0, atol=1e-9 * scale
+            )
             for reason, part in parts.items():
                 max_fractions[reason] = max(max_fractions[reason], np.abs(part).max() / scale)
     assert min(max_fractions.values()) > 1e-3, max_fractions

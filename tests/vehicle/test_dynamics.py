@@ -125,9 +125,9 @@ def assert_accelerates_as_multibody(parameters, states):
         plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(w_W, state[6:9]))
         diagram.get_input_port().FixValue(root, state[12:] ** 2)
         acceleration = plant.EvalBodySpatialAccelerationInWorld(context, body)
-        ours = body_derivative(state, parameters)
-        assert_close(ours[6:9], acceleration.translational())
-        assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
+        our_derivative = body_derivative(state, parameters)
+        assert_close(our_derivative[6:9], acceleration.translational())
+        assert_close(our_derivative[9:12], R_WB.inverse() @ acceleration.rotational())
 
 
 def test_accelerations_agree_with_a_multibody_plant_with_propellers(parameters_without_drag):

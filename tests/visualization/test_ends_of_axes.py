@@ -133,7 +133,7 @@ def test_curves_with_different_abscissas_are_not_compared():
 
 def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     calls = []
-    monkeypatch.setattr(curves, "dashes", lambda *given: calls.append(given) or "--")
+    monkeypatch.setattr(curves, "dashes", lambda *arguments: calls.append(arguments) or "--")
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 10)
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
