@@ -57,7 +57,7 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
         scores = sums_over_blocks(np.einsum("wkp,wk->wp", actual.jacobian, actual.errors), blocks)
         result = jackknife(information, scores, prior=prior)
     np.testing.assert_allclose(result.covariance, expected * np.outer(scale, scale), rtol=1e-9)
-    np.testing.assert_allclose(result.model, inverse, rtol=1e-9)
+    np.testing.assert_allclose(result.model_covariance, inverse, rtol=1e-9)
 
 
 def test_the_jackknife_variance_is_at_least_the_variance_for_a_correct_model() -> None:
