@@ -35,7 +35,7 @@ class ThreadSafeCache(Generic[Value]):
             self._values.clear()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key; if it is not cached, compute it by `make`. Exceptions are not cached."""
+        """Return the cached value of a key, or compute it with `make` and cache it. Exceptions are not cached."""
         try:
             return self._values[key]
         except KeyError:

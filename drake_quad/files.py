@@ -1,4 +1,4 @@
-"""Reading and writing of files: atomic writing, CSV tables and .npz files."""
+"""Functions that write files atomically, and read CSV tables and .npz files."""
 
 import csv
 import os

@@ -1,7 +1,7 @@
 """Strict conversion of texts to numbers, for table cells, files and the command line.
 
 Python's `float` and `int` also accept underscores between digits and digits of other scripts: they read "1_0" as 10
-and "١" as 1. In a table or a file, such a text is probably a typing error.
+and "١" as 1. In a table or a file, such a text is probably a mistake.
 """
 
 

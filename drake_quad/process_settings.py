@@ -16,7 +16,7 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
-_ERROR_OUTPUT = 2  # file descriptor of the standard error output
+_STDERR_DESCRIPTOR = 2
 
 
 class ProcessSetting:
@@ -92,12 +92,12 @@ without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
 
 @contextmanager
 def _error_output_discarded() -> Iterator[None]:
-    original, null = os.dup(_ERROR_OUTPUT), os.open(os.devnull, os.O_WRONLY)
+    original, null = os.dup(_STDERR_DESCRIPTOR), os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(null, _ERROR_OUTPUT)
+        os.dup2(null, _STDERR_DESCRIPTOR)
         yield
     finally:
-        os.dup2(original, _ERROR_OUTPUT)
+        os.dup2(original, _STDERR_DESCRIPTOR)
         os.close(original)
         os.close(null)
 

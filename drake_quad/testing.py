@@ -53,7 +53,8 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
     - names: flights connect ports by name. Unless the system is a `FleetSystem`, which checks names itself, this
-      function rejects port names that look like a misspelt signal, and input ports of a controller that are no signals.
+      function rejects port names that look like a misspelt signal. It also rejects input ports of a controller that are
+      not signals.
     - ports: each port of a fleet has, for each vehicle, as many components as the same port of a single vehicle.
     - context: outputs depend only on the context, not on earlier computations.
     - vehicles: the outputs of a vehicle in a fleet equal its outputs when it is simulated alone.

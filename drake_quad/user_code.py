@@ -1,4 +1,4 @@
-"""Checks of functions that the user passes, and errors in the user's own Python code that this package calls."""
+"""Checks of functions that users pass to the package, and messages about errors in users' Python code."""
 
 import inspect
 import os

@@ -23,7 +23,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad import Scenario, load_scenario
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
@@ -33,7 +33,7 @@ from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import FixedTimes, MinimumSnapTiming, MinimumTimeTiming, Timing, plan_path
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.routes.waypoints import WaypointRoute
-from drake_quad.space.around import plan_collision_free_path
+from drake_quad.space.collision_free import plan_collision_free_path
 from drake_quad.studies.monte_carlo import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
@@ -67,14 +67,14 @@ _TWO_SETS_PER_INPUT = [
 _GRADIENT_LAW = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
 _COMPARED_CONTROLLERS: dict[str, tuple[Path, list[str]]] = {
     "the paper's network, 9 rules on two inputs": (_NETWORK, []),
-    "the same on four inputs, 16 rules": (_NETWORK, [*_POSITION_INPUTS, *_TWO_SETS_PER_INPUT]),
-    "on four inputs, 81 rules, gradient law": (_NETWORK, [*_POSITION_INPUTS, _GRADIENT_LAW]),
+    "the same network, 16 rules on four inputs": (_NETWORK, [*_POSITION_INPUTS, *_TWO_SETS_PER_INPUT]),
+    "the same network, 81 rules on four inputs, gradient law": (_NETWORK, [*_POSITION_INPUTS, _GRADIENT_LAW]),
     "linear-quadratic-Gaussian control": (_DIAGRAMS / "controllers" / "lqg.yaml:lqg", []),
 }
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/benchmark.py --quick")
+    options = parser_without_options(__doc__, "python scripts/benchmark.py --quick")
     options.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
     quick = options.parse_args().quick
     repetitions = 5 if quick else 15
@@ -144,7 +144,7 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
         mode = "compiled" if compiled else "uncompiled"
         steppers = [Stepper(scenario, size, compiled=compiled) for scenario in (ideal, real, learning)]
         costs = interleaved(steppers, repetitions)
-        print(f"| {name}, {mode} | {' | '.join(spread(cost, size) for cost in costs)} |", flush=True)
+        print(f"| {name}, {mode} | {' | '.join(speed_text(cost, size) for cost in costs)} |", flush=True)
 
 
 def print_plain_python(repetitions: int) -> None:
@@ -159,7 +159,7 @@ def print_plain_python(repetitions: int) -> None:
             for size in sizes
         ]
         costs = interleaved(steppers, repetitions)
-        cells = [spread(cost, size) for cost, size in zip(costs, sizes, strict=True)]
+        cells = [speed_text(cost, size) for cost, size in zip(costs, sizes, strict=True)]
         print(f"| {'compiled' if compiled else 'uncompiled'} | {' | '.join(cells)} |", flush=True)
 
 
@@ -191,7 +191,7 @@ def print_rules(repetitions: int) -> None:
         for size in sizes
     }
     for row, name in enumerate(scenarios):
-        print(f"| {name} | {' | '.join(spread(costs[size][row], size) for size in sizes)} |", flush=True)
+        print(f"| {name} | {' | '.join(speed_text(costs[size][row], size) for size in sizes)} |", flush=True)
 
 
 def with_rules(sets: int) -> Scenario:
@@ -228,7 +228,7 @@ def print_controllers(repetitions: int) -> None:
     )
     print("|---|---|---|")
     for row, name in enumerate(_COMPARED_CONTROLLERS):
-        cells = [f"{spread(each[row], size)}, {min(each[0]) / min(each[row]):.2f}" for each in costs.values()]
+        cells = [f"{speed_text(each[row], size)}, {min(each[0]) / min(each[row]):.2f}" for each in costs.values()]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
@@ -243,7 +243,7 @@ def print_obstacles(repetitions: int) -> None:
         ]
         free, obstructed = interleaved([Stepper(each, size, compiled=True) for each in scenarios], repetitions)
         ratio = statistics.median(free) / statistics.median(obstructed)
-        print(f"| `{name}` | {spread(free, size)} | {spread(obstructed, size)} | {ratio:.2f} |", flush=True)
+        print(f"| `{name}` | {speed_text(free, size)} | {speed_text(obstructed, size)} | {ratio:.2f} |", flush=True)
 
 
 def obstacle_ring(count: int) -> dict[str, object]:
@@ -275,10 +275,10 @@ def print_studies(repetitions: int, largest: int) -> None:
     print("\n| Monte Carlo study of `robustness.yaml`, vehicle-seconds per second | one worker | two workers |")
     print("|---|---|---|")
     for size in (1_000, largest):
-        cells = [spread([times[size, n].cost for times in rounds], 1) for n in workers]
+        cells = [speed_text([times[size, n].cost for times in rounds], 1) for n in workers]
         print(f"| {size:,} flights, from the start of the workers to the result | {' | '.join(cells)} |")
-    # The time to start the workers is the same in both studies, so the difference does not contain it.
-    further = [spread([times[largest, n].marginal_cost(times[2_000, n]) for times in rounds], 1) for n in workers]
+    # Starting the workers takes equally long in both studies, so the start-up time cancels in the difference.
+    further = [speed_text([times[largest, n].marginal_cost(times[2_000, n]) for times in rounds], 1) for n in workers]
     print(f"| additional flights, from 2,000 to {largest:,} | {' | '.join(further)} |")
 
 
@@ -299,7 +299,7 @@ class StudyTime(NamedTuple):
         return self.seconds / self.simulated_time
 
     def marginal_cost(self, shorter: "StudyTime") -> float:
-        """Return the computing time (s) that each additional simulated second takes, compared with a shorter study."""
+        """Return the computing time per additional simulated second, compared with a shorter study, s."""
         return (self.seconds - shorter.seconds) / (self.simulated_time - shorter.simulated_time)
 
 
@@ -321,7 +321,7 @@ def print_planning(repetitions: int) -> None:
         print(f"| {name} | {milliseconds(work, repetitions)} |")
 
 
-def spread(costs: list[float], size: int) -> str:
+def speed_text(costs: list[float], size: int) -> str:
     """Return the simulation speed in vehicle-seconds per second as text: the median, and the best in parentheses.
 
     Args:
@@ -332,12 +332,12 @@ def spread(costs: list[float], size: int) -> str:
 
 
 class Stepper:
-    """Fleet that repeats a flight: a single vehicle flies the whole route, a larger fleet 1 s of it.
+    """Fleet that repeats a flight. A single vehicle flies the whole route, and a larger fleet flies only 1 s of it.
 
     Args:
         scenario: scenario of the flight; each vehicle is a sample of it.
         num_vehicles: number of vehicles.
-        compiled: whether the diagram is compiled.
+        compiled: True to compile the diagram to machine code.
         user_systems: user-defined systems that replace parts of the loop.
     """
 
@@ -375,7 +375,10 @@ def fast_path(count: int) -> Callable[[], object]:
 
 
 def planning_work() -> dict[str, Callable[[], object]]:
-    """Return planning tasks by name: random routes with waypoints about a metre apart, and the route of the forest."""
+    """Return functions that solve planning tasks, keyed by the name of the task.
+
+    The tasks are random routes with waypoints about a metre apart, and the route of the forest.
+    """
     rng = np.random.default_rng(0)
     limits = PathLimits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)

@@ -51,7 +51,7 @@ logger = LogVectorOutput(laboratory.GetOutputPort("state"), builder, publish_per
 simulator = Simulator(builder.Build())
 simulator.AdvanceTo(plan.duration)
 log = logger.FindLog(simulator.get_context())
-# Drake logs before it updates discrete states, so each logged state is that of the previous time step.
+# Drake logs before it updates discrete states, so each logged state belongs to the previous time step.
 simulated, planned = log.data()[:3], plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 print(f"RMSE {100.0 * np.sqrt(np.mean(np.sum((simulated - planned) ** 2, axis=0))):.1f} cm in low wind")
 plt.plot(*planned[:2], "--", *simulated[:2])

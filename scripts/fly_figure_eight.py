@@ -29,7 +29,7 @@ simulator.AdvanceTo(plan.duration)
 meshcat.PublishRecording()
 
 log = logger.FindLog(simulator.get_context())
-# Drake logs before it updates discrete states, so each logged state is that of the previous time step.
+# Drake logs before it updates discrete states, so each logged state belongs to the previous time step.
 planned = plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 error = np.linalg.norm(log.data()[:3] - planned, axis=0)
 print(f"RMSE {100.0 * np.sqrt(np.mean(error**2)):.2f} cm, largest error {100.0 * error.max():.2f} cm")

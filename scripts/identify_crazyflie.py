@@ -16,8 +16,8 @@ predictions = predict(
 )
 for horizon in (0.1, 0.2, 0.5):
     error = predictions.rmse("position", "identified", horizon).text(unit="cm", size=0.01)
-    improvement = predictions.better("position", "identified", "data sheet", horizon).percent()
-    print(f"after {horizon} s: error {error}, {improvement} below that of the data sheet")
+    improvement = predictions.error_reduction("position", "identified", "data sheet", horizon).percent()
+    print(f"after {horizon} s: error {error}, {improvement} smaller than with the data sheet")
 
 # 400 vehicles are drawn from the estimates, and fly with the controller and gains of the logged flight. Some of them
 # oscillate and crash.

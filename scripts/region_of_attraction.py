@@ -44,7 +44,7 @@ output = [x, z, sin(theta), v_x, v_z, q, 1 - cos(theta)]
 plant = builder.AddSystem(SymbolicVectorSystem(state=state, dynamics=dynamics, output=output))
 logger, diagram = LogVectorOutput(plant.get_output_port(), builder, publish_period=0.1), builder.Build()
 for e in np.random.default_rng(0).normal(size=(100, 6)) @ np.linalg.cholesky(np.linalg.inv(S)).T:
-    # Along the ray of e, V = ρ is a quadratic equation in c, since s² = 2 c - c².
+    # On the ray from the origin through e, V = ρ is a quadratic equation in c, since s² = 2 c - c².
     slope = e @ S @ e / e[2] ** 2
     height = rho / (slope + np.sqrt(slope**2 + rho * (S[2, 2] - slope)))
     e *= np.sqrt(2 * height - height**2) / abs(e[2])

@@ -23,7 +23,7 @@ HORIZON = 6.0  # s, duration of the flight
 ERROR_SCALES = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
 COMMAND_SCALES = np.array(4 * [30.0])
 
-# States and rotor speeds along the plan follow from differential flatness. Commands lead the speeds by the rotor lag.
+# States and rotor speeds along the plan follow from differential flatness. Commands compensate for the rotor lag.
 scenario = load_scenario("figure_eight", ["vehicle.time_step=0"])
 plan = plan_route(scenario)
 times = np.linspace(0.0, HORIZON, 300)

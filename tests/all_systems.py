@@ -224,15 +224,14 @@ class Example(NamedTuple):
 
     @property
     def other_parameters(self) -> Any:
-        """Parameters whose numbers all differ from those of the example, and between vehicles."""
+        """Parameters that all differ from those of the example, and between vehicles."""
         if self.parameters is None:
             return None
         if isinstance(self.parameters, Samples):
             return Samples(self.parameters.seed + 1, [sample + 10 for sample in self.parameters.indices])
         layout = layout_of(type(self.parameters), self.parameters)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Each parameter is multiplied by a different factor, so that ratios of parameters differ from those of the
-        # example, too.
+        # Each parameter has a different factor, so that ratios of parameters also differ from those of the example.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.parameters))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
@@ -708,10 +707,13 @@ COMPLEMENTARY_FILTER = ComplementaryParameters(
     TimeConstants(1.1, 7.2, 0.53, 0.24, 0.35), (PositionAiding(0.21, 0.22, 0.23),), initial_yaw=0.34, gravity=9.79
 )
 COMPLEMENTARY_STRUCTURE = {"aiding": (Aiding("position", "position", 4, can_miss=True),), "period": 0.002}
-FILTER_OF_TWO = FILTER._replace(aiding=(*FILTER.aiding, AidingParameters(HeightAiding(0.31), 21.0, 7.0)))
-FILTER_OF_TWO_STRUCTURE = {
+FILTER_WITH_TWO_SENSORS = FILTER._replace(aiding=(*FILTER.aiding, AidingParameters(HeightAiding(0.31), 21.0, 7.0)))
+FILTER_WITH_TWO_SENSORS_STRUCTURE = {
     **FILTER_STRUCTURE,
-    "aiding": (*FILTER_STRUCTURE["aiding"], Aiding("height", "height", 2)),  # its readings wait for the position
+    "aiding": (
+        *FILTER_STRUCTURE["aiding"],
+        Aiding("height", "height", 2),
+    ),  # height readings are stored until position readings arrive
 }
 
 FLEET_SYSTEMS = [
@@ -732,7 +734,7 @@ FLEET_SYSTEMS = [
     Example(CommandLink, WRENCH_LINK, LOSSY_LINK, num_vehicles=2),
     Example(ErrorStateKalmanFilter, FILTER, FILTER_STRUCTURE, num_vehicles=2),
     Example(ComplementaryFilter, COMPLEMENTARY_FILTER, COMPLEMENTARY_STRUCTURE, num_vehicles=2),
-    Example(ErrorStateKalmanFilter, FILTER_OF_TWO, FILTER_OF_TWO_STRUCTURE, has_all_ports=False),
+    Example(ErrorStateKalmanFilter, FILTER_WITH_TWO_SENSORS, FILTER_WITH_TWO_SENSORS_STRUCTURE, has_all_ports=False),
     Example(CommandLink, WRENCH_LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
     Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),

@@ -49,7 +49,7 @@ _LONG_FILES = (
 def pytest_xdist_auto_num_workers() -> int:
     """Return the number of worker processes: one more than there are cores, but at most 4.
 
-    The additional process uses the time in which tests wait. Each process needs a few hundred MB of memory.
+    The additional process uses the cores while other tests wait. Each process needs a few hundred MB of memory.
     """
     return min(4, (os.cpu_count() or 1) + 1)
 
@@ -89,7 +89,7 @@ def _no_result_cache(request, monkeypatch):
     The fixture `cached_results` enables the cache for tests of pages, scripts and commands, which share results.
     """
     if "cached_results" not in request.fixturenames:
-        monkeypatch.setattr(result_cache, "_program", lambda: None)
+        monkeypatch.setattr(result_cache, "_environment", lambda: None)
 
 
 @pytest.fixture

@@ -208,8 +208,8 @@ def _effect(name, draw, duration):
         case "motors":
             return {"kind": "throttle", "curve": [draw(0.09, 0.11), draw(0.98, 1.02), draw(2.75, 2.85)]}
         case "payload":
-            place = [draw.signed(0.002), draw.signed(0.002), draw(-0.06, -0.03)]
-            body = {"mass": draw(0.005, 0.03), "position": place, "inertia": [draw(1e-6, 1e-5) for _ in range(3)]}
+            position = [draw.signed(0.002), draw.signed(0.002), draw(-0.06, -0.03)]
+            body = {"mass": draw(0.005, 0.03), "position": position, "inertia": [draw(1e-6, 1e-5) for _ in range(3)]}
             return body | {"time": draw(0.0, duration), "event": "dropped"}
         case "battery":
             voltage = {"voltage": draw(12.4, 12.6), "empty_voltage": draw(10.0, 11.0)}
@@ -243,11 +243,11 @@ def _layout(kind, length_of):
     """
     if kind != "rotors":
         return {"kind": kind, "length": length_of(0.3), "width": length_of(0.26), "rotor_1_turns": "anticlockwise"}
-    places = ((0.14, -0.12), (-0.12, -0.13), (-0.13, 0.11), (0.11, 0.14))
+    positions = ((0.14, -0.12), (-0.12, -0.13), (-0.13, 0.11), (0.11, 0.14))
     turns = ("clockwise", "anticlockwise") * 2
     rotors = [
         {"position": [length_of(x), length_of(y), length_of(0.02)], "turns": turn}
-        for (x, y), turn in zip(places, turns, strict=True)
+        for (x, y), turn in zip(positions, turns, strict=True)
     ]
     return {"kind": kind, "rotors": rotors}
 
@@ -257,13 +257,13 @@ def _autopilot(structure, draw, period):
         case "attitude":
             gains = {"k_attitude": [draw(4.0, 6.0) for _ in range(3)], "k_rate": [draw(10.0, 14.0) for _ in range(3)]}
             bias = {"gyroscope_bias": [draw.signed(0.01) for _ in range(3)]}
-            noise = {f"{sense}_noise": draw(0.001, 0.005) for sense in structure["on_board"].split()}
+            noise = {f"{sensor}_noise": draw(0.001, 0.005) for sensor in structure["on_board"].split()}
             terms = dict(_term(name, draw) for name in structure["terms"].split())
             return {"kind": "attitude", "period": period, **gains, **bias, **noise, **terms}
         case "response":
             numbers = {"natural_frequency": (4.0, 8.0), "damping": (0.4, 1.2)}
-            drawn = {name: [draw(*limits) for _ in range(3)] for name, limits in numbers.items()}
-            return {"kind": "response", **drawn}
+            parameters = {name: [draw(*limits) for _ in range(3)] for name, limits in numbers.items()}
+            return {"kind": "response", **parameters}
     return {"kind": "none"}
 
 
@@ -394,8 +394,8 @@ def _wind(kind, draw, duration):
             numbers = {"intensity": draw(0.2, 1.0), "height": draw(3.1, 10.0), "airspeed": draw(1.0, 5.0)}
             return {"kind": kind, "level": "light", "heading": draw.signed(3.0), **numbers}
     numbers = {"flow": draw(1.5, 3.0), "diameter": draw(0.5, 0.8), "turbulence": draw(0.1, 0.3)}
-    place = {"position": [draw(-3.0, -2.0), draw.signed(1.0), draw(0.5, 1.5)]}
-    return {"kind": kind, "direction": [1.0, draw.signed(0.3), draw.signed(0.2)], **place, **numbers}
+    position = {"position": [draw(-3.0, -2.0), draw.signed(1.0), draw(0.5, 1.5)]}
+    return {"kind": kind, "direction": [1.0, draw.signed(0.3), draw.signed(0.2)], **position, **numbers}
 
 
 def _route(kind, rng):
@@ -405,8 +405,8 @@ def _route(kind, rng):
             return {"kind": kind, "heading": "along_path"}
         case "laps":
             points = [[0.0, 0.0, 1.0], [0.02, 0.01, 1.01], [0.01, 0.02, 0.99], [0.0, 0.0, 1.0]]
-            given = {"waypoints": points, "times": [0.0, 0.4, 0.75, 1.1], "laps": 3}
-            return {"kind": "waypoints", "top_speed": None, "top_acceleration": None, **given}
+            fields = {"waypoints": points, "times": [0.0, 0.4, 0.75, 1.1], "laps": 3}
+            return {"kind": "waypoints", "top_speed": None, "top_acceleration": None, **fields}
         case "hover":
             return {"kind": kind, "position": [0.3, -0.2, 1.0], "yaw": yaw, "duration": 2.0}
         case "circle":

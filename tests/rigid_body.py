@@ -8,6 +8,6 @@ from drake_quad.vehicle.dynamics import Motion, equations_of_motion
 def rigid_body_derivative(state, rotors, wind, parameters, kinematics):
     """Return the time derivative of the state by eqs (2) and (3) of the paper, with the given `AttitudeKinematics`."""
     attitude = Attitude(state.roll, state.pitch, state.yaw)
-    turning = kinematics.angle_rates(BodyRates(state.p, state.q, state.r), attitude)
+    angle_rates = kinematics.angle_rates(BodyRates(state.p, state.q, state.r), attitude)
     accelerations = equations_of_motion(BodyAxes.of(*attitude), Motion.of(state), rotors, wind, parameters)
-    return State(state.v_x, state.v_y, state.v_z, *turning, *accelerations)
+    return State(state.v_x, state.v_y, state.v_z, *angle_rates, *accelerations)

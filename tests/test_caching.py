@@ -42,18 +42,18 @@ def test_a_value_that_threads_request_at_once_is_computed_once():
 
 def test_a_cached_value_is_returned_while_another_one_is_computed():
     cache = ThreadSafeCache()
-    begun = threading.Event()
+    has_begun = threading.Event()
     done = threading.Event()
     cache.get("cached", lambda: 1)
 
     def slow():
-        begun.set()
+        has_begun.set()
         assert done.wait(10.0)
         return 2
 
     thread = threading.Thread(target=lambda: cache.get("slow", slow))
     thread.start()
-    assert begun.wait(10.0)
+    assert has_begun.wait(10.0)
     assert cache.get("cached", lambda: 3) == 1
     done.set()
     thread.join()
@@ -86,33 +86,33 @@ class Setting:
     value = "usual"
 
     def __enter__(self):
-        self.before, Setting.value = Setting.value, "changed"
+        self.previous_value, Setting.value = Setting.value, "changed"
 
     def __exit__(self, *_):
-        Setting.value = self.before
+        Setting.value = self.previous_value
 
 
 def test_a_setting_is_restored_after_the_last_of_several_threads_leaves_its_context():
     """The thread that enters first also leaves first, while the other thread is still inside."""
     changed = ProcessSetting(Setting)
-    one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))
-    seen = []
+    first_is_in, second_is_in, first_is_out = (threading.Event() for _ in range(3))
+    values = []
 
-    def one():
+    def enter_first():
         with changed():
-            one_is_in.set()
-            assert two_is_in.wait(10.0)
-        one_is_out.set()
+            first_is_in.set()
+            assert second_is_in.wait(10.0)
+        first_is_out.set()
 
-    def two():
-        assert one_is_in.wait(10.0)
+    def enter_second():
+        assert first_is_in.wait(10.0)
         with changed():
-            two_is_in.set()
-            assert one_is_out.wait(10.0)
-            seen.append(Setting.value)
+            second_is_in.set()
+            assert first_is_out.wait(10.0)
+            values.append(Setting.value)
 
-    in_threads(one, two)
-    assert seen == ["changed"]
+    in_threads(enter_first, enter_second)
+    assert values == ["changed"]
     assert Setting.value == "usual"
 
 

@@ -59,7 +59,7 @@ def different_with_derivatives(u):
     return u[0] * (1.0 if isinstance(u[0], Symbol | float) else 1.5), u[1]
 
 
-class Plain(LeafSystem):
+class PlainSystem(LeafSystem):
     """System in plain Python whose output is y = law(u), where u is an array (2, N)."""
 
     def __init__(self, num_vehicles=1, law=np.sin, rows=2):
@@ -73,7 +73,7 @@ class Plain(LeafSystem):
         output.SetFromVector(np.ravel(self._law(self._port.Eval(context).reshape(-1, self._count))))
 
 
-class Counting(Plain):
+class CountingSystem(PlainSystem):
     """System that breaks the rule "context": its output depends on how often it has been evaluated."""
 
     def __init__(self, num_vehicles=1):
@@ -87,7 +87,7 @@ class Counting(Plain):
 
 def test_check_system_accepts_compiled_systems_python_systems_and_diagrams():
     assert check_system(system_with(doubled)) == ALL_RULES
-    assert check_system(Plain) == ALL_RULES[:5]
+    assert check_system(PlainSystem) == ALL_RULES[:5]
 
     def two_in_series(num_vehicles):
         builder = DiagramBuilder()
@@ -137,16 +137,22 @@ def test_port_names_that_resemble_no_signal_are_accepted():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda n: Plain(1), "ports: `u` has 2 elements for 3 vehicles, but must have 6"),
-        (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* must have 3"),
-        (Counting, "context: `y` differs by .* after other inputs"),
-        (lambda n: Plain(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)), "vehicles: `y` differs by"),
+        (lambda n: PlainSystem(1), "ports: `u` has 2 elements for 3 vehicles, but must have 6"),
         (
-            lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)),
+            lambda n: PlainSystem(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)),
+            "ports: `y` has 9 .* must have 3",
+        ),
+        (CountingSystem, "context: `y` differs by .* after other inputs"),
+        (
+            lambda n: PlainSystem(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)),
+            "vehicles: `y` differs by",
+        ),
+        (
+            lambda n: PlainSystem(n, law=lambda rows: rows.T.reshape(2, -1)),
             "vehicles: `y` differs by .* if vehicle 0 is",
         ),
         (system_with(nan_for_some_inputs), "numbers: `y` is NaN"),
-        (lambda n: Plain(n, law=lambda rows: np.where(rows > 0.5, math.nan, rows)), "numbers: `y` is NaN"),
+        (lambda n: PlainSystem(n, law=lambda rows: np.where(rows > 0.5, math.nan, rows)), "numbers: `y` is NaN"),
         (system_with(different_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
     ],
 )

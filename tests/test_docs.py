@@ -32,7 +32,7 @@ DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent no
 PAGES = [ROOT / "README.md", *DOCS]
 # Pages for developers. The tests check their links and names, but do not run their commands.
 DEVELOPER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
-# Options that the tests append to commands of the pages, to shorten them. The last one of equal options applies.
+# Options that the tests append to commands of the pages to reduce their run time. They override earlier equal options.
 SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
@@ -167,17 +167,17 @@ def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
         else:
             assert language == "text"
             for line in text.splitlines():
-                assert any(begins(each, line) for each in printed.splitlines()), (line, printed)
+                assert any(is_beginning_of(each, line) for each in printed.splitlines()), (line, printed)
 
 
-def begins(printed, shown):
+def is_beginning_of(printed_line, shown_line):
     """Return whether a printed line begins with a line that a page shows: equal words, and numbers equal within 1 %."""
     number = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
-    words, numbers = re.sub(number, " # ", shown).split(), re.findall(number, shown)
-    begun = re.sub(number, " # ", printed).split()[: len(words)]
-    return begun == words and all(
-        float(given) == pytest.approx(float(each), rel=0.01)
-        for given, each in zip(re.findall(number, printed), numbers, strict=False)
+    words, numbers = re.sub(number, " # ", shown_line).split(), re.findall(number, shown_line)
+    words_of_printed_line = re.sub(number, " # ", printed_line).split()[: len(words)]
+    return words_of_printed_line == words and all(
+        float(printed_number) == pytest.approx(float(shown_number), rel=0.01)
+        for printed_number, shown_number in zip(re.findall(number, printed_line), numbers, strict=False)
     )
 
 
@@ -194,7 +194,10 @@ def run_program(program, arguments, monkeypatch):
 
 
 class ParsedError(BaseException):
-    """Signal that a command line was parsed. It is not an `Exception`, because commands catch those of user files."""
+    """Signal that a command line was parsed.
+
+    It is not an `Exception`, because commands catch exceptions that user code raises.
+    """
 
 
 def commands():
@@ -376,10 +379,10 @@ def test_a_notebook_with_results_has_the_cells_of_its_markdown_page(page):
     text = page.read_text(encoding="utf-8")
     notebook = json.loads((ROOT / "docs" / "notebooks" / f"{page.stem}.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    given = re.findall(r"```\{code-cell\} ipython3\n(.*?)\n```", text, re.DOTALL)
+    page_cells = re.findall(r"```\{code-cell\} ipython3\n(.*?)\n```", text, re.DOTALL)
     sources = ["".join(cell["source"]) for cell in cells]
     # A cell may begin with lines such as `:tags: [hide-cell]`, which the notebook stores as metadata.
-    assert sources == [re.sub(r"\A(:[\w-]+:.*\n)+\n?", "", cell) for cell in given], advice
+    assert sources == [re.sub(r"\A(:[\w-]+:.*\n)+\n?", "", cell) for cell in page_cells], advice
     outputs = [output for cell in cells for output in cell["outputs"]]
     assert outputs
     assert not any(output["output_type"] == "error" for output in outputs)

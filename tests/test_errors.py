@@ -46,7 +46,7 @@ def test_whole_numbers_within_their_bounds_are_accepted(value):
 
 
 @pytest.mark.parametrize(
-    ("value", "most", "words"),
+    ("value", "max_value", "words"),
     [
         (2, None, "count is 2, but must be at least 3"),
         (2, 5, "count is 2, but must be from 3 to 5"),
@@ -55,6 +55,6 @@ def test_whole_numbers_within_their_bounds_are_accepted(value):
         (True, None, "count is True, but must be a whole number, at least 3"),
     ],
 )
-def test_numbers_that_are_out_of_bounds_or_not_whole_are_refused(value, most, words):
+def test_numbers_that_are_out_of_bounds_or_not_whole_are_refused(value, max_value, words):
     with pytest.raises(InputError, match=f"^{words}$"):
-        check_integer(value, "count", minimum=3, maximum=most)
+        check_integer(value, "count", minimum=3, maximum=max_value)

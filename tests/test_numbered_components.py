@@ -12,8 +12,8 @@ from drake_quad.signals import SIGNALS
 FORMULA_PATHS = ("geometry", "vehicle", "control", "laboratory", "signals.py")
 
 
-def files(root: Path, *places: str) -> list[Path]:
-    folders = [root / "drake_quad" / place for place in places]
+def files(root: Path, *paths: str) -> list[Path]:
+    folders = [root / "drake_quad" / path for path in paths]
     return [file for folder in folders for file in ([folder] if folder.is_file() else sorted(folder.rglob("*.py")))]
 
 

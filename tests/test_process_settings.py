@@ -10,7 +10,7 @@ from drake_quad.process_settings import without_drake_remarks, without_garbage_c
 
 def test_messages_of_drake_are_hidden_until_the_last_context_is_left():
     logger = logging.getLogger("drake")
-    before = logger.level
+    previous_level = logger.level
     logger.setLevel(logging.INFO)
     try:
         with without_drake_remarks():
@@ -19,16 +19,16 @@ def test_messages_of_drake_are_hidden_until_the_last_context_is_left():
             assert logger.level == logging.WARNING
         assert logger.level == logging.INFO
     finally:
-        logger.setLevel(before)
+        logger.setLevel(previous_level)
 
 
 @pytest.mark.parametrize("enabled", [True, False])
 def test_the_garbage_collector_is_paused_and_restored(enabled):
-    before = gc.isenabled()
+    was_enabled = gc.isenabled()
     (gc.enable if enabled else gc.disable)()
     try:
         with without_garbage_collection():
             assert not gc.isenabled()
         assert gc.isenabled() == enabled
     finally:
-        (gc.enable if before else gc.disable)()
+        (gc.enable if was_enabled else gc.disable)()

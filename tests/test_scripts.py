@@ -59,15 +59,15 @@ def test_the_help_of_a_tool_ends_with_an_example(run, tool):
 def test_a_tool_handles_keyboard_interrupts_before_it_imports_slow_modules(tool):
     """The first import after the standard library is `running`, or `benchmark`, which imports `running` first."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
-    others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
-    assert others[0] in ("drake_quad.command_line.running", "benchmark")
+    other_imports = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
+    assert other_imports[0] in ("drake_quad.command_line.running", "benchmark")
 
 
 def test_commands_handle_keyboard_interrupts_before_other_imports():
     text = (ROOT / "drake_quad" / "command_line" / "running.py").read_text(encoding="utf-8")
     imports = re.findall(r"^(?:import|from) ([\w.]+)", text, re.MULTILINE)
-    others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
-    assert others[0] == "drake_quad.command_line.interruption"
+    other_imports = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
+    assert other_imports[0] == "drake_quad.command_line.interruption"
 
 
 @pytest.fixture
@@ -180,11 +180,11 @@ def test_the_certified_region_of_attraction_also_holds_for_the_simulated_vehicle
     low, high = np.zeros(rays.shape[1]), 0.5 * np.pi / np.abs(rays[2])
     assert value(*(high * rays)).min() > rho
     for _ in range(60):
-        middle = 0.5 * (low + high)
-        inside = value(*(middle * rays)) < rho
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    starts = low * rays
-    states = starts * random.uniform(0.0, 1.0, starts.shape[1]) ** (1.0 / 6.0)
+        mid = 0.5 * (low + high)
+        inside = value(*(mid * rays)) < rho
+        low, high = np.where(inside, mid, low), np.where(inside, high, mid)
+    initial_deviations = low * rays
+    states = initial_deviations * random.uniform(0.0, 1.0, initial_deviations.shape[1]) ** (1.0 / 6.0)
 
     def flow(state):
         """Return the time derivative of the planar vehicle's state under the regulator."""
@@ -211,7 +211,7 @@ def test_the_certified_region_of_attraction_also_holds_for_the_simulated_vehicle
     logger = LogVectorOutput(vehicle.GetOutputPort("state"), builder, publish_period=0.1)
     simulator = Simulator(builder.Build())
     vehicle_context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    x, z, theta, v_x, v_z, q = starts[:, :num_vehicles]
+    x, z, theta, v_x, v_z, q = initial_deviations[:, :num_vehicles]
     zeros = np.zeros(num_vehicles)
     vehicle.set_state(
         vehicle_context, "state", State(x, zeros, 1.0 + z, zeros, theta, zeros, v_x, zeros, v_z, zeros, q, zeros)
@@ -233,8 +233,8 @@ def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path
     text, _ = run_script("monte_carlo_study.py")
     rmse, low, high = numbers(r"RMSE without crashes: # cm \[#, #\]", text)
     assert 3.0 < low < rmse < high < 5.0
-    fraction, least, most = numbers(r"crashes: # % \[#, #\]", text)
-    assert 0.0 < least < fraction < most < 2.0
+    fraction, crash_low, crash_high = numbers(r"crashes: # % \[#, #\]", text)
+    assert 0.0 < crash_low < fraction < crash_high < 2.0
     _, mass, worst = numbers("sample #: # kg, # cm", text)
     assert 0.5 < mass < 0.8
     assert worst > 10.0 * rmse
@@ -244,10 +244,10 @@ def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path
 @pytest.mark.long
 def test_the_network_halves_the_error_of_the_pd_in_low_wind(run_script, tmp_path):
     text, _ = run_script("type2_network_beside_pd.py")
-    (alone,), (learning,) = numbers("PD: RMSE # cm", text), numbers("T2FNN: RMSE # cm", text)
+    (pd_rmse,), (network_rmse,) = numbers("PD: RMSE # cm", text), numbers("T2FNN: RMSE # cm", text)
     fraction, low, high = numbers(r"relative to the PD: # % \[#, #\]", text)
     assert low < fraction < high < 60.0
-    assert fraction == pytest.approx(100.0 * learning / alone, abs=1.0)
+    assert fraction == pytest.approx(100.0 * network_rmse / pd_rmse, abs=1.0)
     assert (tmp_path / "out" / "type2_network_beside_pd.png").exists()
 
 
@@ -262,11 +262,11 @@ def test_the_planned_path_passes_all_gates_below_the_speed_limit_and_is_flown(ru
     np.testing.assert_allclose(path, np.hstack([spline.value(time) for time in times]), atol=1e-9)
     assert np.abs(velocity).max() < variables["MAX_SPEED"]
     assert numbers("maximum speed # m/s", text)[0] == pytest.approx(np.linalg.norm(velocity, axis=0).max(), abs=0.02)
-    for time, middle in variables["GATES"].items():
-        place = plan.derivative(0).value(time).ravel()
-        assert (np.abs(place - middle) < variables["TOLERANCE"] + 1e-6).all()
-    for time, place in ((0.0, variables["START"]), (variables["DURATION"], variables["END"])):
-        np.testing.assert_allclose(plan.derivative(0).value(time).ravel(), place, atol=1e-6)
+    for time, gate in variables["GATES"].items():
+        position = plan.derivative(0).value(time).ravel()
+        assert (np.abs(position - gate) < variables["TOLERANCE"] + 1e-6).all()
+    for time, position in ((0.0, variables["START"]), (variables["DURATION"], variables["END"])):
+        np.testing.assert_allclose(plan.derivative(0).value(time).ravel(), position, atol=1e-6)
         for order in (1, 2, 3):
             np.testing.assert_allclose(plan.derivative(order).value(time), 0.0, atol=1e-4)
     assert (tmp_path / "out" / "plan_with_mathematical_program.png").exists()
@@ -303,14 +303,14 @@ def test_a_vehicle_from_a_data_sheet_flies_with_designed_gains_that_have_stabili
 @pytest.mark.long
 def test_the_lqr_script_prints_the_errors_of_both_controllers_and_their_ratio(run_script):
     text, _ = run_script("lqr_with_kalman_filter.py")
-    custom, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
-    assert 4.0 < low < custom < high < 5.0
+    lqr_rmse, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
+    assert 4.0 < low < lqr_rmse < high < 5.0
     assert high - low < 0.1
-    other, least, most = numbers(r"RMSE, indi: # cm \[#, #\]", text)
-    assert 3.0 < least < other < most < 4.0
-    fraction, least, most = numbers(r"ratio of the errors: # \[#, #\]", text)
-    assert least <= fraction <= most
-    assert fraction == pytest.approx(custom / other, abs=0.02)
+    indi_rmse, lower_end, upper_end = numbers(r"RMSE, indi: # cm \[#, #\]", text)
+    assert 3.0 < lower_end < indi_rmse < upper_end < 4.0
+    fraction, lower_end, upper_end = numbers(r"ratio of the errors: # \[#, #\]", text)
+    assert lower_end <= fraction <= upper_end
+    assert fraction == pytest.approx(lqr_rmse / indi_rmse, abs=0.02)
 
 
 @pytest.mark.long
@@ -330,18 +330,18 @@ def test_an_identified_vehicle_predicts_its_log_and_its_tracking_error(run_scrip
     low, high = map(float, re.search(rf"rotor_time_constant: \S+ s \[{number}, {number}\]", text).groups())
     # The estimate from the whole log is 54 ms. A published estimate from other flights is 72 ms.
     assert low < 0.054 < high < 0.072
-    ahead = re.findall(
+    predictions = re.findall(
         rf"after {number} s: error {number} cm \[{number}, {number}\], {number} % \[{number}, {number}\]", text
     )
-    assert [row[0] for row in ahead] == ["0.1", "0.2", "0.5"]
-    assert all(float(least) > 50.0 for *_, least, _ in ahead)
-    assert [float(row[1]) for row in ahead] == sorted(float(row[1]) for row in ahead)
-    flown = float(re.search(rf"RMSE of the log {number} cm", text)[1])
-    median, least, crashes = re.search(
+    assert [row[0] for row in predictions] == ["0.1", "0.2", "0.5"]
+    assert all(float(low_end) > 50.0 for *_, low_end, _ in predictions)
+    assert [float(row[1]) for row in predictions] == sorted(float(row[1]) for row in predictions)
+    logged_rmse = float(re.search(rf"RMSE of the log {number} cm", text)[1])
+    median, low_end, crashes = re.search(
         rf"median {number} cm, 2.5 % quantile {number} cm\ncrashed simulations: {number}", text
     ).groups()
-    assert flown == 3.58  # the page on real flights quotes this number
-    assert float(least) < flown
+    assert logged_rmse == 3.58  # the page on real flights quotes this number
+    assert float(low_end) < logged_rmse
     # The simulation controls the true velocity. In the log, about half of the error is due to the estimated velocity.
     assert 1.7 < float(median) < 2.4
     assert int(crashes) < 10

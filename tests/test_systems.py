@@ -82,8 +82,8 @@ def ports_of(system):
 def test_a_constructor_has_the_signature_of_its_declare_method(example):
     """help() and editors show this signature; otherwise they would show `*args, **kwargs`."""
     signature = inspect.signature(example.system)
-    given = {} if example.parameters is None else {"parameters": example.parameters}
-    bound = signature.bind(num_vehicles=example.num_vehicles, **example.structure, **given)
+    arguments = {} if example.parameters is None else {"parameters": example.parameters}
+    bound = signature.bind(num_vehicles=example.num_vehicles, **example.structure, **arguments)
     bound.apply_defaults()
     assert ports_of(example.system(**bound.arguments)) == ports_of(example.make())
     with pytest.raises(TypeError):
@@ -137,24 +137,26 @@ def test_autodiff_and_float_systems_compute_equal_outputs_and_states(documented,
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
     rng = np.random.default_rng(0)
     for i in range(system.num_input_ports()):
-        parameters = rng.uniform(0.1, 0.9, system.get_input_port(i).size())
+        values = rng.uniform(0.1, 0.9, system.get_input_port(i).size())
         for each, context in zip((system, converted), contexts, strict=True):
-            each.get_input_port(i).FixValue(context, parameters)
+            each.get_input_port(i).FixValue(context, values)
     for context in contexts:
         context.SetTime(1.2)
     if not isinstance(system, Diagram) and system.GetUniquePeriodicDiscreteUpdateAttribute():
         groups = range(contexts[0].num_discrete_state_groups())
-        before = [rng.uniform(0.1, 0.9, contexts[0].get_discrete_state(group).size()) for group in groups]
+        initial_states = [rng.uniform(0.1, 0.9, contexts[0].get_discrete_state(group).size()) for group in groups]
         for context in contexts:
-            for group, parameters in zip(groups, before, strict=True):
-                context.SetDiscreteState(group, parameters)
-        after = [
+            for group, values in zip(groups, initial_states, strict=True):
+                context.SetDiscreteState(group, values)
+        next_states = [
             each.EvalUniquePeriodicDiscreteUpdate(context)
             for each, context in zip((system, converted), contexts, strict=True)
         ]
         for group in groups:
-            assert_equal_values(after[1].get_vector(group).CopyToVector(), after[0].get_vector(group).CopyToVector())
-        changed = [(after[0].get_vector(group).CopyToVector() != before[group]).any() for group in groups]
+            assert_equal_values(
+                next_states[1].get_vector(group).CopyToVector(), next_states[0].get_vector(group).CopyToVector()
+            )
+        changed = [(next_states[0].get_vector(group).CopyToVector() != initial_states[group]).any() for group in groups]
         assert any(changed)
     for i in range(system.num_output_ports()):
         outputs = [each.get_output_port(i).Eval(context) for each, context in zip((system, converted), contexts)]
@@ -169,24 +171,24 @@ def assert_equal_values(with_derivatives, parameters):
 def overwrite(context):
     """Set all numeric parameters and states of a context to -7, which no example has."""
 
-    def other(vector):
+    def overwritten(vector):
         return np.array([type(element)(-7.0) for element in vector.CopyToVector()])
 
     for i in range(context.num_numeric_parameter_groups()):
         vector = context.get_mutable_numeric_parameter(i)
-        vector.SetFromVector(other(vector))
+        vector.SetFromVector(overwritten(vector))
     for i in range(context.num_discrete_state_groups()):
-        context.SetDiscreteState(i, other(context.get_discrete_state(i)))
+        context.SetDiscreteState(i, overwritten(context.get_discrete_state(i)))
     if context.num_continuous_states():
-        context.SetContinuousState(other(context.get_continuous_state_vector()))
+        context.SetContinuousState(overwritten(context.get_continuous_state_vector()))
 
 
 @examples
 def test_a_context_that_is_reset_to_new_parameters_equals_the_context_of_a_new_system(example):
     """All parameters and states are overwritten before the reset, so the reset must set each of them."""
     parameters = example.other_parameters
-    system, other = example.make(), example.make_with(parameters)
-    context, expected = system.CreateDefaultContext(), other.CreateDefaultContext()
+    system, new_system = example.make(), example.make_with(parameters)
+    context, expected = system.CreateDefaultContext(), new_system.CreateDefaultContext()
     overwrite(context)
     context.SetTime(3.0)
     system.reset(context, parameters)
@@ -202,8 +204,8 @@ def test_a_context_that_is_reset_to_new_parameters_equals_the_context_of_a_new_s
 @examples
 def test_the_two_parameter_sets_of_an_example_differ_in_every_parameter(example):
     """If a parameter were equal in both sets, the test of resets could not detect that it is not reset."""
-    both = example.parameters, example.other_parameters
-    contexts = [example.make_with(parameters).CreateDefaultContext() for parameters in both]
+    parameter_sets = example.parameters, example.other_parameters
+    contexts = [example.make_with(parameters).CreateDefaultContext() for parameters in parameter_sets]
     assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(example.parameters)
     for i in range(contexts[0].num_numeric_parameter_groups()):
         first, second = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
@@ -226,15 +228,15 @@ def test_an_autodiff_context_can_be_reset(example):
 @examples
 def test_parameters_and_states_are_copied_between_contexts_unchanged(example):
     """The records from `get_parameter` and `get_state` can be passed to `set_parameter` and `set_state`."""
-    system, other = example.make(), example.make_with(example.other_parameters)
-    context, source = system.CreateDefaultContext(), other.CreateDefaultContext()
+    system, other_system = example.make(), example.make_with(example.other_parameters)
+    context, source = system.CreateDefaultContext(), other_system.CreateDefaultContext()
     assert len(system.parameters) == context.num_numeric_parameter_groups()
     for name in system.parameters:
-        record = other.get_parameter(source, name)
+        record = other_system.get_parameter(source, name)
         system.set_parameter(context, name, record)
         assert type(record) is type(system.get_parameter(context, name))
     for name in system.states:
-        system.set_state(context, name, other.get_state(source, name))
+        system.set_state(context, name, other_system.get_state(source, name))
     for actual, desired in zip(elements_of(context), elements_of(source), strict=True):
         np.testing.assert_array_equal(actual, desired)
 
@@ -315,9 +317,9 @@ def test_unconnected_inputs_count_as_zero(example, monkeypatch):
     absent_values = []
     original = FleetSystem.input
 
-    def recording_input(system, name, **given):
-        absent_values.append(given.get("absent"))
-        return original(system, name, **given)
+    def recording_input(system, name, **options):
+        absent_values.append(options.get("absent"))
+        return original(system, name, **options)
 
     monkeypatch.setattr(FleetSystem, "input", recording_input)
     example.make()

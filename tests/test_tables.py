@@ -8,11 +8,11 @@ from drake_quad.files import read_table, write_table
 
 
 def test_columns_are_read_back_unchanged(tmp_path):
-    written = {"name": ["a", "b,c"], "number": np.array([0.1, np.nan]), "count": [3, 4]}
-    read = read_table(write_table(tmp_path / "table.csv", written))
-    assert list(read) == list(written)
+    columns = {"name": ["a", "b,c"], "number": np.array([0.1, np.nan]), "count": [3, 4]}
+    read = read_table(write_table(tmp_path / "table.csv", columns))
+    assert list(read) == list(columns)
     assert read["name"].tolist() == ["a", "b,c"]
-    np.testing.assert_array_equal(read["number"], written["number"])
+    np.testing.assert_array_equal(read["number"], columns["number"])
     np.testing.assert_array_equal(read["count"], [3.0, 4.0])
 
 

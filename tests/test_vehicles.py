@@ -45,9 +45,9 @@ def test_a_vehicle_rarely_crashes_in_its_bad_day_scenario(name):
 
 
 def test_every_vehicle_except_the_paper_s_has_a_bad_day_scenario():
-    others = {*MAX_RMSE, "neural_fly"} - {"paper", "paper_with_drag"}
+    vehicles = {*MAX_RMSE, "neural_fly"} - {"paper", "paper_with_drag"}
     shipped = {name for name in shipped_scenarios() if name.startswith("bad_day:")}
-    assert shipped == {f"bad_day:{name}" for name in others}
+    assert shipped == {f"bad_day:{name}" for name in vehicles}
 
 
 @pytest.mark.long

@@ -122,9 +122,11 @@ def test_commands_run_without_the_repository(printed):
     lists = text.split("wrote\n")[1:]
     assert len(lists) == len(TESTED_COMMANDS)
     for each in lists:
-        written = [line.strip() for line in itertools.takewhile(lambda line: line.startswith("  "), each.splitlines())]
-        assert written
-        assert all((folder / path).exists() for path in written)
+        written_files = [
+            line.strip() for line in itertools.takewhile(lambda line: line.startswith("  "), each.splitlines())
+        ]
+        assert written_files
+        assert all((folder / path).exists() for path in written_files)
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ def jacobian_of_tick(diagram, context, layout, *, until, step=1e-5):
     """
     start = layout.read(diagram, context)
 
-    def after(state):
+    def state_after_tick(state):
         root = context.Clone()
         layout.write(diagram, root, state)
         simulator = Simulator(diagram, root)
@@ -26,5 +26,8 @@ def jacobian_of_tick(diagram, context, layout, *, until, step=1e-5):
         simulator.AdvanceTo(until)
         return layout.read(diagram, root)
 
-    columns = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(len(start))]
+    columns = [
+        (state_after_tick(start + step * unit) - state_after_tick(start - step * unit)) / (2.0 * step)
+        for unit in np.eye(len(start))
+    ]
     return np.array(columns).T

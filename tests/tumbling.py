@@ -63,7 +63,7 @@ def degrees_apart(angles, rotation):
     return np.degrees((rotations(angles).inv() * rotation).magnitude())
 
 
-def flown(parameters, tumbles, duration, load=None, swings=None):
+def integrate_tumbles(parameters, tumbles, duration, load=None, swings=None):
     """Integrate the motion of N vehicles from their initial states.
 
     Args:

@@ -14,7 +14,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 
 def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
-    """Return the properties of a scenario and its plan on which the control depends."""
+    """Return those properties of a scenario and its plan that the control depends on."""
     laboratory = scenario.laboratory
     return ControlSetting(
         nominal=nominal_parameters(scenario),
@@ -28,12 +28,12 @@ def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
 
 
 def control_recipes(batch: Batch, plan: Plan, user_systems: UserSystems = UserSystems()) -> dict[str, Recipe]:
-    """Return a recipe for each system in the control diagram, by the path of the system.
+    """Return a `Recipe` for each system in the control diagram, keyed by the system's path.
 
     Args:
         batch: samples to fly, with one vehicle for each.
         plan: plan that the vehicles follow.
-        user_systems: the user's systems. The systems that they replace have no recipes.
+        user_systems: the user's systems. The result contains no recipe for a system that one of them replaces.
     """
     if user_systems.control is not None:
         return {}
@@ -50,7 +50,7 @@ def build_control(
 
     Args:
         scenario: scenario with the control.
-        recipes: recipes from `control_recipes`, by path.
+        recipes: recipes from `control_recipes`, keyed by path.
         num_vehicles: number of vehicles N.
         user_systems: the user's systems, which replace systems of the control diagram.
 

@@ -24,30 +24,31 @@ from drake_quad.scenario.winds.source import WindSource, speed, steady_wind
 from drake_quad.scenario.winds.source import WindSurroundings as WindSurroundings
 from drake_quad.signals import AttitudeTarget, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.authority import missing_direction
+from drake_quad.vehicle.authority import explain_missing_wrench
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, InitialMotion, QuadrotorConfig, initial_body_state
 
-# Largest ratio of the vehicle's time step to the shortest time constant of its motion. The fourth-order Runge-Kutta
-# method is stable up to 2.78.
-_MAX_STABLE_STEP = 2.5
-# Prefixes that the paths of wind systems and sensors have in the laboratory.
+# Largest allowed product of the vehicle's time step (s) and its fastest decay rate or natural frequency (1/s). The
+# fourth-order Runge-Kutta method is stable up to 2.78.
+_MAX_STEP_TIMES_RATE = 2.5
+# Prefixes of the paths of wind systems and sensors in the laboratory.
 _WIND_PREFIX = "wind."
 _SENSORS_PREFIX = "sensors."
 
 
 def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
-    """Return a recipe for each system in the laboratory diagram, including the vehicles, by the path of the system.
+    """Return a `Recipe` for each system in the laboratory diagram, including the vehicles, keyed by the system's path.
 
     Args:
         batch: samples to fly, with one vehicle for each.
-        plan: plan that the vehicles follow; they hover at its beginning.
+        plan: plan that the vehicles follow. By default, they hover at its first point at time 0.
         duration: duration of the flight, s.
 
     Raises:
-        InputError: if the time step of the vehicle is too long for its drag, its slung load, or its attitude response.
+        InputError: if the time step of the vehicle is too long for its drag, its slung load, or its attitude response,
+            or if the rotors of a vehicle cannot produce every torque.
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
     _check_step(fleet)
@@ -78,7 +79,7 @@ def build_laboratory_from_recipes(
     """Build the laboratory diagram from recipes.
 
     Args:
-        recipes: recipes from `laboratory_recipes`, by path.
+        recipes: recipes from `laboratory_recipes`, keyed by path.
         num_vehicles: number of vehicles N.
         samples: source of the random noise: the samples of a study, None for Drake's random sources, or
             `ExportedRandomNumbers` for input ports.
@@ -114,7 +115,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """Return the true parameters of a scenario's vehicle, or of the vehicles in `Batch.fleet_scenario`."""
+    """Return the true parameters of a vehicle, given the field `vehicle` of a scenario or a `Batch.fleet_scenario`."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -132,7 +133,7 @@ def _allocation(scenario: Scenario) -> Recipe:
 
 
 def _initial_state(scenario: Scenario, fleet: Any, plan: Plan) -> tuple[HoverPose, InitialMotion]:
-    """Return position and yaw of the vehicles at time 0, and their motion."""
+    """Return the position and yaw of the vehicles at time 0, and their tilt, velocity, body rates and rotor speeds."""
     x, y, z = map(float, plan.waypoints[0])
     start = HoverPose(x, y, z, plan.initial_yaw)
     return scenario.initial.pose(fleet.initial, start), scenario.initial.motion(fleet.initial)
@@ -153,8 +154,8 @@ def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMot
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # Layouts with paired rotors can produce every torque, whatever values their parameters are drawn with.
-    if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
+    # A layout with paired rotors can produce every torque for all values of its parameters.
+    if not vehicle.layout.is_paired and (missing := explain_missing_wrench(parameters.rotors)):
         raise InputError(f"vehicle.layout cannot produce {missing} in some of the samples; narrow its distributions")
     config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
     return fleet.laboratory.autopilot.vehicle_recipe(structure, config)
@@ -195,7 +196,7 @@ def _check_step(fleet: Any) -> None:
     }
     for motion, row in rates.items():
         rate = np.max(row)
-        if vehicle.time_step * rate > _MAX_STABLE_STEP:
+        if vehicle.time_step * rate > _MAX_STEP_TIMES_RATE:
             raise InputError(
                 f"vehicle.time_step is {vehicle.time_step:g} s, too long for"
                 f" {motion.format(time=1.0 / rate, rate=rate)}; shorten it, or make it 0 for a continuous state"
@@ -207,7 +208,7 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
     Args:
         scenario: scenario that contains the link.
-        fleet: settings of the link in `Batch.fleet_scenario`, in which random fields are arrays.
+        fleet: settings of the link from `Batch.fleet_scenario`, in which each random field is an (N,) array.
         yaw: yaw of the initial hover, rad.
     """
     link, nominal = scenario.laboratory.command_link, nominal_parameters(scenario)
@@ -220,14 +221,14 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the autopilot by its name in the diagram; empty if the scenario has no autopilot."""
+    """Return the recipe for the autopilot, keyed by its name in the diagram; an empty dictionary if there is none."""
     settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
     follows_attitude = not scenario.control.commands_rates_only()
     return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return a recipe for each wind system of a scenario, by the system's name."""
+    """Return a recipe for each wind system of a scenario, keyed by the system's name."""
     by_kind: dict[type[WindSource], list[Any]] = {}
     for settings, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
         by_kind.setdefault(type(settings), []).append(source)
@@ -240,6 +241,6 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
 
 
 def _sensors(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return a recipe for each sensor of a scenario, by the name of the sensor's port."""
+    """Return a recipe for each sensor of a scenario, keyed by the name of the sensor's port."""
     settings, drawn = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
     return {name: sensor.recipe(drawn[name], fleet.vehicle) for name, sensor in settings.items()}

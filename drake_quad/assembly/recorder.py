@@ -10,12 +10,12 @@ from pydrake.systems.primitives import Multiplexer, VectorLogSink, ZeroOrderHold
 def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
     """Build the diagram `recorder`, which has an input port for each signal and records all signals at every tick.
 
-    Drake's log samples its input before the discrete updates of the same instant. It would therefore record the state
-    of a discrete vehicle one period late. A zero-order hold therefore samples all signals during the discrete updates
-    of each tick, and the log reads the hold's output at the next tick.
+    Drake's log samples its input before the discrete updates of the same instant. Without further measures, the log
+    would record the state of a discrete vehicle one period late. Therefore, a zero-order hold samples all signals
+    during the discrete updates of each tick, and the log reads the output of the hold at the next tick.
 
     Args:
-        signals: size of each input port, by name.
+        signals: size of each input port, keyed by the name of the port.
         period: period of the ticks, s.
     """
     builder = DiagramBuilder()
@@ -49,13 +49,13 @@ def read_recorder(recorder: Diagram, context: Context) -> tuple[np.ndarray, dict
         context: context of the diagram that contains the recorder, after the pending events of the last tick.
 
     Returns:
-        (ticks,) times, s, and (ticks, size) signals by name.
+        (ticks,) times, s, and a dictionary of the (ticks, size) signals.
     """
     log = recorder.GetSubsystemByName("log").FindLog(context)
     hold = recorder.GetSubsystemByName("hold")
     newest = hold.GetMyContextFromRoot(context).get_discrete_state(0).CopyToVector()
     samples = np.vstack([log.data().T[1:], newest])
-    signals, first = {}, 0  # signals by name, and the first column of the next signal
+    signals, first = {}, 0  # `first` is the first column of the next signal
     for i in range(recorder.num_input_ports()):
         port = recorder.get_input_port(i)
         signals[port.get_name()] = samples[:, first : first + port.size()]

@@ -1,9 +1,10 @@
 """Registration of a user's Python controllers, so that scenarios can name them as a `kind`.
 
-In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode`. The class becomes a position
-controller or, if it has the output port of a control, a control. Scenarios, commands and functions then use `kind:
-mine.SlidingMode` in the same way as the kinds of this library. If the system is a `FleetSystem` that declares a record
-of parameters with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are fields of the kind.
+In a module `mine`, `register_controller(SlidingMode)` registers the kind `mine.SlidingMode`. The output ports of the
+class determine whether this is a kind of position controller or a kind of `control`. Scenarios, commands and functions
+then accept `kind: mine.SlidingMode` in the same way as the kinds of this library. If the system is a `FleetSystem` that
+declares a record of parameters with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are
+fields of the kind.
 
 A scenario can use a kind only after the kind's module was imported. Scenarios never import modules.
 """
@@ -50,7 +51,10 @@ class _UserSystemSettings(Model):
 
     @classmethod
     def registration_option(cls) -> str:
-        """Return the option `--controller` that imports the system; "" if no importable file defines it."""
+        """Return the command-line option that registers the system, such as `--controller mine.py:SlidingMode`.
+
+        The option is "" if the system is not defined in a file that a command can import.
+        """
         if issubclass(cls.system, ExportedController):
             return f"--controller {shlex.quote(str(shortest_path(cls.system.folder.resolve())))}"
         file = "" if cls.system.__module__ == "__main__" else defining_file(cls.system)
@@ -59,8 +63,8 @@ class _UserSystemSettings(Model):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the class of the system, so that another process imports its module or compiles the exported code."""
         if issubclass(self.system, ExportedController):
-            return _restored_export, (self.system.folder, self.system.machine, dict(self))
-        return _restored, (self.system, dict(self))
+            return _unpickle_export, (self.system.folder, self.system.machine, dict(self))
+        return _unpickle_settings, (self.system, dict(self))
 
 
 class RegisteredPositionController(_UserSystemSettings, PositionController):
@@ -121,12 +125,12 @@ def register_controller(system: Any) -> str:
     if not isinstance(system, type):
         raise InputError(f"a controller must be the class of a Drake system, not {system!r}")
     kind = system.__name__ if system.__module__ == "__main__" else f"{system.__module__}.{system.__name__}"
-    if _registered(kind, system) is not None:
+    if _find_registered(kind, system) is not None:
         return kind
-    role, command = _role_of(_built(system, 1))
+    role, command = _role_of(_construct(system, 1))
     settings: Any = RegisteredControl if role == "control" else RegisteredPositionController
-    for num_vehicles in (1, 2) if _takes_number(system) else (1,):
-        user_systems = UserSystems(**{role: _built(system, num_vehicles)})
+    for num_vehicles in (1, 2) if _accepts_num_vehicles(system) else (1,):
+        user_systems = UserSystems(**{role: _construct(system, num_vehicles)})
         check_user_systems(user_systems, num_vehicles, command=command, sensors=SENSORS.signals)
     parameters = _default_parameters(system)
     fields = {} if parameters is None else parameters._asdict()
@@ -160,20 +164,20 @@ def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, 
     }
 
 
-def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
+def _construct(system: type, num_vehicles: int, **parameters: Any) -> Any:
     """Construct a system for N vehicles, or for one vehicle if its constructor has no argument `num_vehicles`.
 
     Raises:
         InputError: if the constructor fails.
     """
-    takes_number = _takes_number(system)
-    if num_vehicles > 1 and not takes_number:
+    accepts_num_vehicles = _accepts_num_vehicles(system)
+    if num_vehicles > 1 and not accepts_num_vehicles:
         raise InputError(
             f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles,"
             " and each port must contain the values of all vehicles, as in docs/how_to/your_own_controller.md"
         )
     try:
-        return system(num_vehicles=num_vehicles, **parameters) if takes_number else system(**parameters)
+        return system(num_vehicles=num_vehicles, **parameters) if accepts_num_vehicles else system(**parameters)
     except TypeError as error:
         raise InputError(
             f"{system.__name__} cannot be built: {error}; the constructor of a controller must work without"
@@ -181,7 +185,7 @@ def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
         ) from error
 
 
-def _takes_number(system: type) -> bool:
+def _accepts_num_vehicles(system: type) -> bool:
     """Return whether the constructor of a class has an argument `num_vehicles`."""
     try:
         return "num_vehicles" in inspect.signature(system).parameters
@@ -190,7 +194,7 @@ def _takes_number(system: type) -> bool:
 
 
 def _role_of(system: Any) -> tuple[str, str]:
-    """Return the part of the loop that a system replaces, and the command that it sends to the vehicle.
+    """Return the field of `UserSystems` to which a system belongs, and the command that goes over the command link.
 
     Raises:
         InputError: if the system has the output port of neither a position controller nor a control.
@@ -220,26 +224,26 @@ def _default_parameters(system: Any) -> Any:
 
 
 def _recipe(settings: Any) -> Recipe:
-    """Return the recipe for the system that a registered kind stands for."""
+    """Return the recipe for the system of a registered kind, given the settings of this kind."""
     parameters = _default_parameters(settings.system)
     if parameters is not None:
         parameters = type(parameters)(*(getattr(settings, name) for name in parameters._fields))
-    return Recipe(partial(_built, settings.system), {}, parameters)
+    return Recipe(partial(_construct, settings.system), {}, parameters)
 
 
-def _registered(kind: str, system: type) -> Any:
-    """Return the settings that are registered as `kind` if they belong to this system class; otherwise None."""
+def _find_registered(kind: str, system: type) -> Any:
+    """Return the settings class that is registered as `kind` if it belongs to this system class; otherwise None."""
     found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
-    # Exported code has a kind whose name contains a digest of the code, so different code has a different kind.
+    # The kind of exported code contains a digest of the code, so equal kinds mean equal code.
     is_same = getattr(found, "system", None) is system or (found is not None and issubclass(system, ExportedController))
     return found if is_same else None
 
 
-def _restored(system: type, fields: dict[str, Any]) -> Any:
+def _unpickle_settings(system: type, fields: dict[str, Any]) -> Any:
     """Unpickle the settings of a system in another process, where its kind may not be registered yet."""
-    return _registered(register_controller(system), system).model_construct(**fields)
+    return _find_registered(register_controller(system), system).model_construct(**fields)
 
 
-def _restored_export(folder: Path, machine: str, fields: dict[str, Any]) -> Any:
+def _unpickle_export(folder: Path, machine: str, fields: dict[str, Any]) -> Any:
     """Unpickle the settings of an exported controller in another process."""
-    return _restored(exported_controller(folder, machine), fields)
+    return _unpickle_settings(exported_controller(folder, machine), fields)

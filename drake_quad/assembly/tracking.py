@@ -58,9 +58,9 @@ def build_fleet_diagram(
         record: True to add a recorder, which samples all signals at every control tick.
         drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
             samples.
-        injects: True to add two ports. The signal at the input port `injection` is added to the command before it
-            enters the command link; the output port `injected` has the sum.
-        exported: declaration of input ports that supply the laboratory's random numbers.
+        injects: True to add an input port `injection` and an output port `injected`. The signal at `injection` is added
+            to the controller's command, and `injected` is the sum, which enters the command link.
+        exported: option to supply the laboratory's random numbers through input ports of the diagram.
         open_action: True to add an input port `action` for the action of a policy.
 
     Raises:
@@ -78,13 +78,13 @@ def build_fleet_diagram(
     samples = exported or (None if drake_random else batch.noise_samples)
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem(
-        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.ahead())
+        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.preview_times())
     )
     control = user_systems.control
     if control is None:
         control = build_control(scenario, control_recipes(batch, plan, user_systems), num_vehicles, user_systems)
     builder.AddNamedSystem("control", control)
-    user_wind = _sampled(user_systems.wind, scenario)
+    user_wind = _sampled_wind(user_systems.wind, scenario)
     laboratory = build_laboratory_from_recipes(recipes, num_vehicles, samples, user_wind=user_wind)
     builder.AddNamedSystem("laboratory", laboratory)
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
@@ -131,7 +131,7 @@ def build_fleet_diagram(
 
 
 def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str, Any], scenario: Scenario) -> None:
-    """Connect the flight monitor to the signals of the diagram, given their output ports by name.
+    """Connect the flight monitor to the signals of the diagram, whose output ports are keyed by signal name.
 
     Raises:
         InputError: if an additional metric needs a signal that the diagram lacks.
@@ -203,10 +203,10 @@ def set_fleet_parameters(
                 system.set_parameters(system.GetMyMutableContextFromRoot(context), recipe.parameters)
 
 
-def _sampled(wind: Any, scenario: Scenario) -> Any:
-    """Return a user's source of wind, as a system that samples the wind periodically; None if there is no source.
+def _sampled_wind(wind: Any, scenario: Scenario) -> Any:
+    """Return a user's source of wind with a zero-order hold at its output; None if there is no source.
 
-    A zero-order hold is added unless the source is a system that samples the wind itself.
+    A source that is a `FleetSystem` with periodic updates is returned unchanged.
     """
     if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind

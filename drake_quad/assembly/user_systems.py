@@ -33,7 +33,7 @@ class UserSystems(NamedTuple):
 
     @property
     def specified(self) -> dict[str, Any]:
-        """Systems that the user passes, by attribute name."""
+        """Systems that the user passes, keyed by attribute name."""
         return {name: system for name, system in self._asdict().items() if system is not None}
 
     def build(self, num_vehicles: int) -> "UserSystems":
@@ -49,7 +49,8 @@ class UserSystems(NamedTuple):
             system = make(num_vehicles) if takes_number else None
             if not _is_system(system):  # reject None, which would later select the scenario's system
                 name_of_function = describe_callable(make)
-                flaw = f"{name_of_function} returns {_returned(system)}" if takes_number else f"is {name_of_function}"
+                result = _describe_result(system)
+                flaw = f"{name_of_function} returns {result}" if takes_number else f"is {name_of_function}"
                 raise InputError(
                     f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"
                     f" `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {flaw}"
@@ -84,7 +85,7 @@ PORTS = {
     "wind": SystemPorts(("state",), "wind", named=False, all_inputs=False),
     "policy": SystemPorts(("observation",), "action", named=False, all_inputs=False),
 }
-"""Ports of user's systems, by attribute name in `UserSystems`."""
+"""Ports of the user's systems, keyed by attribute name in `UserSystems`."""
 
 
 def check_user_systems(
@@ -102,7 +103,7 @@ def check_user_systems(
         num_vehicles: number of vehicles N.
         command: signal that the command link carries, which a user's control must compute.
         rows: sizes of `observation` and `action` for one vehicle, if the scenario's control has a policy.
-        sensors: names of the ports of sensors, which a user's control may read.
+        sensors: names of the sensor ports that a user's control may read.
 
     Raises:
         InputError: if a system has unsuitable ports, or if two systems cannot be used together.
@@ -159,7 +160,7 @@ def _is_system(thing: Any) -> bool:
     return not isinstance(thing, type) and hasattr(thing, "num_output_ports")
 
 
-def _returned(thing: Any) -> str:
+def _describe_result(thing: Any) -> str:
     """Return a short description of what a function returned instead of a system."""
     if isinstance(thing, type):
         return f"the class {thing.__name__} and not an object of it"

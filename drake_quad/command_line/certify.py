@@ -1,9 +1,9 @@
 """Certify how far all random parameters of a scenario may vary at once before hover becomes unstable.
 
 The ranges of all distributions are multiplied by a scale about their centres. The command prints two scales. Below the
-first scale, every combination of parameters is stable, by the structured singular value of the exact sampled loop. At
-the second scale, the command has found an unstable loop. Combinations without an equilibrium, at which the rotors
-cannot hold the vehicle in hover, are reported separately.
+first scale, every combination of parameters is proved to be stable; the proof uses the structured singular value of the
+exact sampled-data loop. At the second scale, the command has found an unstable loop. Combinations whose loop has no
+equilibrium, because a command or the rotors saturate in hover, are reported separately.
 """
 
 import argparse
@@ -37,13 +37,13 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at
 from drake_quad.scenario.paths import distributions_in, map_leaves
 
-_MAX_GAP = 0.1  # a larger relative gap between the stable and the failing scale is remarked
+_MAX_GAP = 0.1  # a larger relative gap between the stable and the failing scale causes a remark
 _INITIAL_ERROR = 0.1  # m and rad, initial error of the flight that shows an instability
-# Duration of the flight that shows an instability, in time constants of its growth, and limits of the duration, s.
+# A flight that shows an instability lasts this many growth time constants, within the limits below.
 _NUM_GROWTH_TIMES = 5.0
 _MIN_FLIGHT_SECONDS = 20.0
 _MAX_FLIGHT_SECONDS = 300.0
-_NO_EQUILIBRIUM_SECONDS = 10.0  # duration of the flight that shows the lack of an equilibrium
+_NO_EQUILIBRIUM_SECONDS = 10.0  # duration of the flight that shows a loop without an equilibrium
 
 
 def options() -> argparse.ArgumentParser:
@@ -86,15 +86,20 @@ def main(arguments: argparse.Namespace) -> None:
         print_joint_disk_margin(joint_disk_margin(median))
     print(f"computed from {found.num_loops:,} exact linear models of the loop in {seconds:.0f} s")
     files = write_tables(folder, median, found)
-    for name, failing, sentences in failing_flights(median, found):
+    for name, failing, lines in failing_flights(median, found):
         files.append(folder / name)
         save_scenario(failing, files[-1])
-        print(f"\n{sentences[0]}\n  {flying_command('fly', failing, files[-1])}", *sentences[1:], sep="\n")
+        print(f"\n{lines[0]}\n  {flying_command('fly', failing, files[-1])}", *lines[1:], sep="\n")
     print_files(files)
 
 
 def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Scenario, list[str]]]:
-    """Return flights that show how hover fails, each as file name, scenario, and sentences about what to expect."""
+    """Return flights that show how hover fails.
+
+    Returns:
+        For each flight its file name, its scenario, and the lines to print: the first line before the command that
+        flies the scenario, the other lines after it.
+    """
     flights = []
     if found.growth is not None:
         loop, time_constant = found.growth
@@ -104,19 +109,20 @@ def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Sce
                 hovering_at(median, loop.values, duration=_flight_seconds(time_constant), offset=_INITIAL_ERROR),
                 [
                     f"to see the instability, fly in hover with the parameters at scale {loop.scale:.3g}:",
-                    f"the vehicle starts {100.0 * _INITIAL_ERROR:.0f} cm beside its reference along each axis,",
-                    f"and an oscillation grows by a factor of e in {time_constant:.1f} s, until commands saturate or it"
-                    " crashes",
+                    f"the vehicle starts {100.0 * _INITIAL_ERROR:.0f} cm from its reference along each axis,",
+                    f"and an oscillation grows by a factor of e in {time_constant:.1f} s, until the commands saturate"
+                    " or the vehicle crashes",
                 ],
             )
         )
-    if found.lost.values:
+    if found.without_equilibrium.values:
         flights.append(
             (
                 "no_equilibrium.yaml",
-                hovering_at(median, found.lost.values, duration=_NO_EQUILIBRIUM_SECONDS),
+                hovering_at(median, found.without_equilibrium.values, duration=_NO_EQUILIBRIUM_SECONDS),
                 [
-                    f"to see a loop without an equilibrium, fly in hover at scale {found.lost.scale:.3g}:",
+                    "to see a loop without an equilibrium, fly in hover at scale"
+                    f" {found.without_equilibrium.scale:.3g}:",
                     "a command or the rotors saturate, and the vehicle cannot stay at its reference",
                 ],
             )
@@ -128,7 +134,7 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
     """Return the scenario in which the fields of `--vary` have uniform distributions.
 
     Raises:
-        InputError: if a text is not FIELD=PERCENT%, or FIELD is not a number of the scenario.
+        InputError: if a text does not have the form FIELD=PERCENT%, or FIELD is not a number of the scenario.
     """
     if not texts:
         if not distributions_in(scenario):
@@ -144,17 +150,20 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
         except (ValueError, argparse.ArgumentTypeError):
             fraction = math.nan
         if not percent.endswith("%") or not 0.0 < fraction < 1.0:
-            raise InputError(f"--vary {text}: must be FIELD=PERCENT% between 0 % and 100 %, as in vehicle.mass=10%")
+            raise InputError(
+                f"--vary {text} must have the form FIELD=PERCENT%, with a percentage between 0 % and 100 %, as in"
+                " vehicle.mass=10%"
+            )
         value = number_at(median, path)
         if value == 0.0:
-            raise InputError(f"--vary {text}: {path} is 0, so a percentage does not give it a range")
+            raise InputError(f"--vary {text}: {path} is 0, so its range would have no width; vary another field")
         low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
         ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
     return map_leaves(median, lambda path, value: ranges.get(path, value))
 
 
 def hovering_at(median: Scenario, values: dict[str, float], *, duration: float, offset: float = 0.0) -> Scenario:
-    """Return a scenario that hovers in still air, the flight for which `certify` computes its scales.
+    """Return a scenario in which the vehicle hovers in still air, as in the loops that `certify` examines.
 
     Args:
         median: scenario without distributions.
@@ -175,9 +184,9 @@ def _flight_seconds(growth_time: float) -> float:
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
-    """Print the stable and the failing scales, the failing parameters, and distributions without effect on hover."""
+    """Print the stable and the failing scales, and the parameters at the scales at which hover fails."""
     print_scales(scenario.name, found)
-    failures = {"unstable": found.unstable, "no equilibrium": found.lost}
+    failures = {"unstable": found.unstable, "no equilibrium": found.without_equilibrium}
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
     rows = []
     for path in found.parameters if columns else ():
@@ -185,7 +194,7 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         numbers = [number_at(median, path), *(each.values[path] for each in columns.values())]
         rows.append((path, *(f"{number:.4g}" for number in numbers), "" if unit == "1" else unit))
     print_columns(("parameter", "median", *columns, "unit"), rows)
-    if found.lost.values:
+    if found.without_equilibrium.values:
         remark(
             "a combination without an equilibrium saturates a command or the rotors, so the vehicle cannot hover there;"
             " its loop is neither stable nor unstable"
@@ -208,7 +217,7 @@ def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Pat
     scales = {
         "stable_up_to_scale": found.stable_scale,
         "unstable_at_scale": found.unstable.scale,
-        "no_equilibrium_at_scale": found.lost.scale,
+        "no_equilibrium_at_scale": found.without_equilibrium.scale,
     }
     box = found.certified_box
     parameters: dict[str, list[float | str]] = {
@@ -218,7 +227,9 @@ def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Pat
         "certified_from": [box[path][0] for path in found.parameters],
         "certified_to": [box[path][1] for path in found.parameters],
         "value_of_unstable_loop": [found.unstable.values.get(path, math.nan) for path in found.parameters],
-        "value_without_equilibrium": [found.lost.values.get(path, math.nan) for path in found.parameters],
+        "value_without_equilibrium": [
+            found.without_equilibrium.values.get(path, math.nan) for path in found.parameters
+        ],
     }
     return [
         write_table(folder / "scales.csv", {name: [scale] for name, scale in scales.items()}),

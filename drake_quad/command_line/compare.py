@@ -14,9 +14,9 @@ from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
     add_wired,
-    bare_parser,
     check_ranges,
     controlled_scenarios,
+    parser_without_options,
 )
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
@@ -37,7 +37,7 @@ _DEFAULT_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad compare --scenario outdoor --samples 50")
+    result = parser_without_options(__doc__, "drake-quad compare --scenario outdoor --samples 50")
     result.add_argument(
         "--scenario",
         action="append",
@@ -80,8 +80,8 @@ def main(arguments: argparse.Namespace) -> None:
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(
-        f"mean ± standard deviation over {samples} samples; the last column is the mean RMSE relative to the first"
-        " controller, with its 95 % interval"
+        f"mean ± standard deviation over {samples} samples; the relative RMSE is the ratio of the mean RMSE to"
+        " that of the first controller, with its 95 % interval"
     )
     replicates = {
         laboratory: sample_replicates(next(iter(scenarios.values())), range(samples))

@@ -1,4 +1,4 @@
-"""Simulate the reference of a flight log with the vehicle and controller of a scenario, and compare the errors.
+"""Fly the reference of a flight log in simulation, with the vehicle and controller of a scenario, and compare errors.
 
 If the scenario has no controller, the command predicts the logged flight in open loop: it simulates the vehicle with
 the logged commands, over horizons of 0.1 to 2 s.
@@ -13,9 +13,9 @@ from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
-    bare_parser,
     check_ranges,
     overrides_from_arguments,
+    parser_without_options,
     resolve_output_folder,
 )
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
@@ -47,7 +47,7 @@ _STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95th percentile"}
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(
+    result = parser_without_options(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
     result.add_argument("log", metavar="LOG", type=Path, help="flight log, in any format that `read_log` reads")
@@ -122,7 +122,7 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
 
 
 def print_comparison(comparison: LogComparison) -> None:
-    """Print a table of the measured and predicted errors, and a sentence that compares their RMSE."""
+    """Print a table of the measured and predicted position errors, and a sentence that compares their RMSE."""
     time = comparison.time
     print(f"{comparison.record.name}: {len(time):,} samples, from {time[0]:.2f} to {time[-1]:.2f} s of the log")
     print(f"reference: {comparison.reference}")
@@ -180,7 +180,7 @@ def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
 
 
 def _predicted(comparison: LogComparison, statistic: str, axis: int, *, unit: str = "") -> str:
-    """Return the median simulated error statistic, cm, with a 95 % interval if the simulated flights differ."""
+    """Return a predicted error statistic in cm as text: its median, with a 95 % interval if the flights differ."""
     median, low, high = (float(end[axis]) for end in comparison.interval(statistic))
     interval = Interval(median, low, high)
     return (interval if comparison.varies else interval.without_interval()).text(

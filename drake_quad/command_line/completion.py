@@ -9,7 +9,7 @@ from pathlib import Path
 
 import shtab
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
 # Arguments whose values are completed with the names of shipped scenarios.
@@ -30,7 +30,7 @@ _drake_quad_scenarios() {{
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad completion bash")
+    result = parser_without_options(__doc__, "drake-quad completion bash")
     result.add_argument("shell", choices=("bash", "zsh"), help="shell for which the script is printed")
     return result
 

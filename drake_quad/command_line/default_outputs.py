@@ -14,11 +14,13 @@ from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.files.library import locate
 from drake_quad.scenario.models import Mission
 
-_RECORD_NAME = ".input"
+# Name of the hidden file that records the inputs in an output folder. For an output file, it is appended to the name of
+# the file.
+_RECORD_FILE_NAME = ".input"
 
 
 class Origin(NamedTuple):
-    """Input of a command, for which the command writes its default output.
+    """Input for which a command writes its default output.
 
     Attributes:
         source: absolute path of the file, followed by the name of the scenario if the file contains scenarios.
@@ -32,14 +34,14 @@ class Origin(NamedTuple):
     def of_scenario(cls, spec: str, scenario: Mission) -> "Origin":
         """Return the origin of an output whose input is a scenario.
 
-        If a command wrote the scenario to its default folder, the origin is the input of that command.
+        If the scenario file is itself in the default output folder of a command, `source` is the input of that command.
 
         Args:
             spec: FILE or FILE:NAME from which the scenario was loaded.
             scenario: scenario with all overrides.
         """
         path = locate(spec)[0].resolve()
-        written_for = _read(path.parent / _RECORD_NAME)
+        written_for = _read(path.parent / _RECORD_FILE_NAME)
         source = written_for[0].source if written_for else f"{path}:{scenario.name}"
         vehicle = scenario.nominal.model_dump_json().encode()
         return cls(source, hashlib.sha256(vehicle).hexdigest())
@@ -50,10 +52,9 @@ class Origin(NamedTuple):
         return cls(str(path.resolve()))
 
     def differs(self, other: "Origin") -> bool:
-        """Return True unless two inputs have the same source or are scenarios with the same nominal vehicle.
+        """Return True if two inputs have different sources and are not scenarios with the same nominal vehicle.
 
-        Two inputs thus count as equal if only the vehicle in a file is edited, or if a scenario only moves to another
-        file.
+        A scenario therefore remains the same input if its vehicle is edited, or if it is moved to another file.
         """
         return self.source != other.source and (self.content != other.content or not self.content)
 
@@ -69,7 +70,7 @@ def reserve(path: Path, origins: Sequence[Origin], *, is_file: bool = False) -> 
     Raises:
         InputError: if the output was written for other inputs, or cannot be written.
     """
-    record = path.with_name(f".{path.name}{_RECORD_NAME}") if is_file else path / _RECORD_NAME
+    record = path.with_name(f".{path.name}{_RECORD_FILE_NAME}") if is_file else path / _RECORD_FILE_NAME
     output_folder(record.parent)
     for origin, recorded in zip(origins, _read(record), strict=False) if path.exists() else ():
         if origin.differs(recorded):

@@ -45,7 +45,7 @@ from drake_quad.design.cascade import (
     with_integrals,
 )
 from drake_quad.design.certificate import certify_hover
-from drake_quad.design.gains import SLOWER_POLE, PolePair, RegulatorRequirements
+from drake_quad.design.gains import SLOWER_POLE, OutputRegulator, PolePair
 from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
@@ -65,10 +65,10 @@ from drake_quad.visualization.style import save_figures
 _MAX_MODE_FREQUENCY = 60.0
 # Order in which the loops of the ground station are printed.
 _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
-# Fraction of the phase margin that the integral gains of a PID use by default.
+# Fraction of the phase margin that the integral gains of a PID may cost by default.
 _DEFAULT_INTEGRAL_FRACTION = 0.15
-# Hover offset above which a remark is printed, m. The errors of the shipped flights are 1 to 10 cm.
-_MAX_UNREMARKED_HOVER_OFFSET = 0.01
+# A larger hover offset, m, causes a remark. The position errors of the shipped flights are 1 to 10 cm.
+_MAX_HOVER_OFFSET = 0.01
 # Smallest and largest values of options: margins in degrees, dB and ticks, and a fraction of the phase margin.
 _RANGES = {
     "phase-margin": (0.0, 180.0),
@@ -84,7 +84,7 @@ class LoopRequest(Model):
     Attributes:
         bandwidth: bandwidth of the pole pair, rad/s.
         damping: damping ratio of the pole pair.
-        rate_time: weight of the rate relative to the weight of the controlled value in the LQR cost, s.
+        rate_time: time T in the terms value² + (T · rate)² of the LQR cost, s.
     """
 
     bandwidth: Annotated[float, Field(ge=1e-3, le=100.0)] | None = None
@@ -102,7 +102,7 @@ class LoopRequests(Model):
 
 
 _LOOP_OF_AXIS = {"roll": "attitude", "pitch": "attitude", "yaw": "yaw", "z": "height", "x": "position", "y": "position"}
-# Weight of the rate relative to the weight of the controlled value in the LQR cost, s, by loop.
+# Default value of `LoopRequest.rate_time` for each loop, s.
 _DEFAULT_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 
@@ -166,22 +166,26 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
-    """Return remarks on loops that a slow pole limits, and on a hover offset that no integral action removes."""
+    """Return remarks on a design.
+
+    The remarks concern loops whose bandwidth is limited by a slow pole, and a steady offset in hover if no loop has an
+    integral.
+    """
     remarks = []
     limited = [axis for axis in _AXIS_ORDER if axis in design.loops and SLOWER_POLE in design.loops[axis].limits]
     if limited and designed.laboratory.autopilot.controls_attitude:
         remarks.append(
-            f"a slow pole of the loops on board limits {join_names(limited)}, and not a margin, as an integral on board"
-            " can cause; --method lqr has no such limit and may give a faster loop"
+            f"a slow pole of the loops on board limits {join_names(limited)}, rather than a margin; an integral on"
+            " board can cause such a pole; --method lqr has no such limit and may give a faster loop"
         )
     autopilot: Any = designed.laboratory.autopilot
     terms = (autopilot.attitude_terms, autopilot.rate_terms) if design.on_board else ()
     integrates = designed.cascade.position.has_integral or any(each is not None and each.k_i for each in terms)
     offset = hover_offset(median_scenario(designed)) if design.on_board and not integrates else 0.0
-    if offset > _MAX_UNREMARKED_HOVER_OFFSET:
+    if offset > _MAX_HOVER_OFFSET:
         remarks.append(
-            f"the vehicle will hover {100.0 * offset:.0f} cm beside its reference, because its centre of mass is not in"
-            " the middle and neither the loops on board nor the position loops have an integral; --integral adds"
+            f"the vehicle will hover {100.0 * offset:.0f} cm from its reference, because its centre of mass is not in"
+            " the middle, and neither the loops on board nor the position loops have an integral; --integral adds"
             " one to the position loops"
         )
     return remarks
@@ -232,8 +236,8 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--integral",
         type=float,
-        metavar="SHARE",
-        help="design a PID for the position, whose integral gains use this fraction of the phase margin (default:"
+        metavar="FRACTION",
+        help="design a PID for the position, whose integral gains may cost this fraction of the phase margin (default:"
         f" {_DEFAULT_INTEGRAL_FRACTION:g} if the scenario has a PID, otherwise no integral)",
     )
     options.add_argument(
@@ -249,8 +253,8 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--certify",
         action="store_true",
-        help="print the scale of the scenario's random parameters up to which hover is certified to be stable, as"
-        " certify does; this takes one or more minutes",
+        help="print the scale up to which hover is certified to be stable for all random parameters at once, as"
+        " `drake-quad certify` does; this takes one or more minutes",
     )
 
 
@@ -258,8 +262,8 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
     """Return the design options of each axis: the defaults, changed as the command-line arguments request.
 
     Raises:
-        InputError: if a value is out of range, an option belongs to the other method, or an option concerns attitude
-            control on the ground although the autopilot controls the attitude on board.
+        InputError: if a value is out of range, an option belongs to the other design method, or an option concerns
+            attitude control on the ground although the autopilot controls the attitude on board.
     """
     check_ranges(arguments, _RANGES)
     requests = build_model(LoopRequests, parse_overrides(arguments.loop, "--loop"))
@@ -283,7 +287,7 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
         family = default.family if request.damping is None else PolePair(request.damping)
         if arguments.method == "lqr":
             rate_time = _DEFAULT_RATE_TIMES[_LOOP_OF_AXIS[axis]] if request.rate_time is None else request.rate_time
-            family = RegulatorRequirements(rate_time)
+            family = OutputRegulator(rate_time)
         options_by_axis[axis] = default._replace(family=family, effort=request.bandwidth)
     options_by_axis |= on_board_options() if arguments.on_board else {}
     return {axis: _with_margins(arguments, period, each) for axis, each in options_by_axis.items()}
@@ -359,7 +363,7 @@ def print_modes(loop: ClosedLoop) -> None:
         if mode.frequency < _MAX_MODE_FREQUENCY:
             paths = [name.split(".") for name in mode.states]
             of_vehicle = ["rotors" if path[-2] == "rotor_speed" else path[-1] for path in paths if "vehicle" in path]
-            # Modes in which the vehicle hardly participates are named by other parts of the loop.
+            # If the vehicle hardly participates in a mode, the mode is labelled with the other parts of the loop.
             states = of_vehicle or [path[1] if path[0] == "laboratory" else path[0] for path in paths]
             if math.isnan(mode.damping):
                 numbers = f"< {MAX_POLE_ERROR:g} rad/s", "–", f"> {1.0 / MAX_POLE_ERROR:.0f} s"

@@ -43,7 +43,7 @@ def formula_page(page: str) -> str:
     ]
     lines = [
         *("", "## Functions of `drake_quad.framework.elementary`", "", "| function | |", "|---|---|", *functions, ""),
-        "## Instead of functions of NumPy and `math`",
+        "## Replacements for functions of NumPy and `math`",
         "",
         "`x` and `y` are rows, and `v` is a list of rows. The functions above have the same names in NumPy.",
         *("", "| function | in a formula |", "|---|---|", *replacements, ""),

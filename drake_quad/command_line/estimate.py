@@ -1,8 +1,9 @@
 """Run an error-state Kalman filter on the inertial sensors and positions of flight logs.
 
-Position and attitude of a log count as the truth. The filter integrates the gyroscope and the accelerometer, and is
-corrected by every n-th position. The command prints the root-mean-square errors of the filter in flight, and plots its
-errors over time. The option --on-board adds the estimate of the filter that flew, if the log contains one.
+Position and attitude of a log are taken as ground truth. The filter integrates the gyroscope and the accelerometer, and
+is corrected by every n-th position. The command prints the root-mean-square errors of the filter in flight, and plots
+its errors over time. If a log also contains the estimate that was computed on board, the option --on-board adds the
+errors of this estimate.
 """
 
 import argparse
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.command_line.options import add_vector, bare_parser, check_ranges
+from drake_quad.command_line.options import add_vector, check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder
@@ -32,18 +33,18 @@ _MAX_SQUARED_INNOVATION = 2.0  # mean above which a filter is inconsistent; the 
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad estimate flight.csv --skip 9 --on-board nanobench_onboard")
+    result = parser_without_options(__doc__, "drake-quad estimate flight.csv --skip 9 --on-board nanobench_onboard")
     result.add_argument("log", nargs="+", type=Path, help="flight logs")
     result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped mapping")
     result.add_argument(
-        "--on-board", metavar="MAPPING", help="mapping whose position and attitude are the estimate from on board"
+        "--on-board", metavar="MAPPING", help="mapping that reads the on-board estimate as position and attitude"
     )
     result.add_argument(
         "--skip",
         type=int,
         default=0,
         metavar="COUNT",
-        help="number of positions that are left out between two that the filter uses (default: %(default)s)",
+        help="number of positions to skip after each position that the filter uses (default: %(default)s)",
     )
     result.add_argument(
         "--position-noise",
@@ -72,7 +73,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, _OPTION_RANGES)
     folder = output_folder(arguments.output)
-    # Matplotlib takes half a second to import, so wrong options are reported before.
+    # Matplotlib takes half a second to import, so it is imported after the options have been checked.
     from drake_quad.visualization.estimate_plots import plot_estimate
     from drake_quad.visualization.style import save_figures
 
@@ -80,7 +81,7 @@ def main(arguments: argparse.Namespace) -> None:
     for path in arguments.log:
         name = path.name.partition(".")[0]
         if name in figures:
-            raise InputError(f"two logs have the name {name}; estimate one after the other")
+            raise InputError(f"two of the logs are called {name}; run the command once for each of them")
         record = read_log(path, arguments.mapping)
         estimate = estimate_logged_flight(
             record,

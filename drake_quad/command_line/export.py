@@ -1,8 +1,8 @@
 """Write the controller of a scenario as C code, for a flight controller or any other computer.
 
 The code computes the command of the controller, a wrench or an attitude target, from the measurement and the reference.
-It is C99 without memory allocation, global variables, or libraries other than math.h. In double precision, it computes
-exactly the numbers of the simulation.
+It is C99 without memory allocation, global variables, or libraries other than math.h. In double precision, its results
+are exactly those of the simulation.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def summary(description: ExportDescription, folder: Path) -> list[tuple[str, str
         ("parameters", f"{number * description.num_parameters:,}", "bytes"),
     ]
     if has_cross_compiler():
-        with ThreadPoolExecutor() as pool:  # the compiler takes a second for each core
+        with ThreadPoolExecutor() as pool:  # compilation for each microcontroller core takes a second
             sizes = zip(CORES, pool.map(partial(code_size, folder), CORES), strict=True)
         rows += [(f"code on {core}", f"{size / 1000.0:.1f}", "kB") for core, size in sizes]
     return rows

@@ -1,8 +1,8 @@
 """Search for the worst case of a scenario, and compare it with the nominal flight.
 
 The evolution strategy CMA-ES varies the random parameters within some standard deviations, and searches for the worst
-value of a metric. The metric can be the robustness of a requirement, which has the requirement's name and is negative
-if the requirement is violated.
+value of a metric. To search for a violation of a requirement, give the name of the requirement to --minimize. The
+search then minimises its robustness, which is negative if the requirement is violated.
 """
 
 import argparse
@@ -36,9 +36,9 @@ _NUM_TABLE_ROWS = 12  # rows of the printed table, each with one random paramete
 def options() -> argparse.ArgumentParser:
     result = search_parser(__doc__, "drake-quad falsify robustness --maximize peak_error --flights 4000")
     goal = result.add_mutually_exclusive_group()
-    goal.add_argument("--maximize", metavar="METRIC", help="metric of which a large value is bad (default: peak_error)")
+    goal.add_argument("--maximize", metavar="METRIC", help="metric whose large values are bad (default: peak_error)")
     goal.add_argument(
-        "--minimize", metavar="METRIC", help="metric of which a small value is bad, such as the name of a requirement"
+        "--minimize", metavar="METRIC", help="metric whose small values are bad, such as the name of a requirement"
     )
     result.add_argument(
         "--sigma",
@@ -92,7 +92,7 @@ def main(arguments: argparse.Namespace) -> None:
         " standard deviations:"
     )
     if found.is_crash:
-        print(f"  it crashes at {worst.metrics.crash_time:.2f} s")
+        print(f"  the vehicle crashes at {worst.metrics.crash_time:.2f} s")
     values = [f"{getattr(flight.metrics, metric):.4g} {'' if unit == '1' else unit}".rstrip() for flight in flights]
     print(f"  {metric} {values[0]}, nominal {values[1]}")
     print_parameters(found)

@@ -59,7 +59,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
 
 
 def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Path, command: str) -> None:
-    """Write a part of a scenario as YAML that scenarios can extend, with the command and the source in a comment."""
+    """Write the controller as YAML that scenarios can extend, with the command and the source in a comment."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110

@@ -14,7 +14,7 @@ def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:
 
 
 def remark_on_estimator(scenario: Scenario) -> None:
-    """Print a remark on standard error if a scenario whose controller is designed has a state estimator."""
+    """Print a remark on standard error if a controller is designed for a scenario with a state estimator."""
     if scenario.laboratory.estimator.integrates_sensors:
         remark("the design assumes a direct measurement of the state; margins at the link include the estimator")
 

@@ -119,7 +119,9 @@ def start_meshcat() -> Meshcat:
 
 
 def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> Callable[[Simulator], None]:
-    """Draw the scene of a flight, and return a function that makes a simulator show its flight in this scene.
+    """Draw the scene of a flight, and return a function that connects a simulator to the scene.
+
+    The simulator then draws the vehicle in the scene while it runs.
 
     Args:
         meshcat: server that shows the scene.

@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.default_outputs import Origin, reserve
-from drake_quad.command_line.options import add_vector, bare_parser, parse_overrides
+from drake_quad.command_line.options import add_vector, parse_overrides, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
@@ -35,16 +35,17 @@ from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 
-# Initial vehicles that an error message suggests for a log that does not name its vehicle. The second text completes
-# the sentence "such as VEHICLE, ...".
-_EXAMPLE_WITH_AUTOPILOT = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
-_EXAMPLE_WITH_ROTOR_COMMANDS = "vehicles/hummingbird", "which takes rotor commands"
+# Initial vehicles that an error message suggests if a log does not name its vehicle.
+_EXAMPLE_WITH_AUTOPILOT = "vehicles/neural_fly:neural_fly, whose autopilot takes attitudes and thrust"
+_EXAMPLE_WITH_ROTOR_COMMANDS = "vehicles/hummingbird, which takes rotor commands"
 _MAX_WIND = 100.0  # m/s, the largest wind speed that a scenario may contain
 _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
+    result = parser_without_options(
+        __doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375"
+    )
     result.add_argument(
         "log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format that `read_log` reads"
     )
@@ -97,7 +98,7 @@ def main(arguments: argparse.Namespace) -> None:
     predictions = predict_held_out(records, identification, base)
     print("RMS errors of open-loop predictions of held-out flight, by a vehicle identified from the training set")
     print_predictions(predictions)
-    losses = predictions.losses("identified")
+    losses = predictions.remark_on_worse_predictions("identified")
     if losses:
         remark(losses)
     assignments = [override.assignment for override in overrides]
@@ -126,7 +127,7 @@ def output_file(arguments: argparse.Namespace, name: str) -> Path:
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
     output_folder(path.parent)
-    # A name that the user gives may be used again, but the default name must not overwrite the vehicle of another log.
+    # A file with the default name must not be overwritten for another log. A name that the user gives is not protected.
     return (
         path if arguments.output or arguments.name else reserve(path, [Origin.of_file(arguments.log[0])], is_file=True)
     )
@@ -161,7 +162,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
             wind = []
         if len(wind) != 3 or not np.all(np.abs(wind) < _MAX_WIND):
             raise InputError(
-                f"--wind {short_repr(text)}: must be three numbers between -{_MAX_WIND:g} and {_MAX_WIND:g} m/s, as in"
+                f"--wind {short_repr(text)} must be three numbers between -{_MAX_WIND:g} and {_MAX_WIND:g} m/s, as in"
                 " -8.5,0,0"
             )
         if record.wind is not None:
@@ -173,7 +174,9 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
 
 
 def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return FILE or FILE:NAME of the initial vehicle, which the logs name, or of the scenario beside a saved flight.
+    """Return FILE or FILE:NAME of the initial vehicle.
+
+    It is the vehicle that the logs name or, for a saved flight, the scenario beside the log.
 
     Raises:
         InputError: if the logs name different vehicles, or no vehicle.
@@ -190,10 +193,10 @@ def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
         return str(saved_scenario)
     signals = {name for record in records for name in record.names}
     onboard = {"attitude", "attitude_command"} <= signals and not signals & {"motor_command", "rotor_speed_command"}
-    example, commands = _EXAMPLE_WITH_AUTOPILOT if onboard else _EXAMPLE_WITH_ROTOR_COMMANDS
+    example = _EXAMPLE_WITH_AUTOPILOT if onboard else _EXAMPLE_WITH_ROTOR_COMMANDS
     raise InputError(
         f"the log {short_repr(records[0].name)} does not name its vehicle; give an initial vehicle by --vehicle,"
-        f" such as {example}, {commands}, and its measured mass by --mass"
+        f" such as {example}, and its measured mass by --mass"
     )
 
 
@@ -233,7 +236,7 @@ def predict_held_out(records: list[FlightRecord], identification: Identification
 
 
 def print_logs(records: list[FlightRecord]) -> None:
-    """Print the duration, the sampling rate, the origins of the signals and the remarks of each log."""
+    """Print the duration, the sampling rate, the origin of each signal, and the remarks, for each log."""
     for record in records:
         seconds = record.time[-1] - record.time[0]
         print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")
@@ -306,7 +309,10 @@ def print_estimates(identification: Identification) -> None:
 
 
 def coverage_text(identification: Identification, name: str) -> str:
-    """Return "k of n": k of n held-out segments estimate the parameter within its interval; empty if unknown."""
+    """Return the fraction of held-out segments with an estimate within the parameter's interval, such as "3 of 4".
+
+    The result is empty if the fraction is unknown.
+    """
     if name not in identification.held_out:
         return ""
     errors = identification.held_out[name]

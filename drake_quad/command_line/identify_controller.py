@@ -12,7 +12,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, output_file, vehicle_name
-from drake_quad.command_line.options import bare_parser, parse_overrides
+from drake_quad.command_line.options import parse_overrides, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import write_atomically
@@ -22,6 +22,7 @@ from drake_quad.logs.reading import read_log
 from drake_quad.scenario.files.loading import Override
 from drake_quad.statistics.interval import plus_minus
 
+# Description of each form of a position law, which relates its output to the commands of attitude and thrust.
 _FORM_DESCRIPTIONS = {
     "acceleration": "thrust along the commanded attitude",
     "heading": "thrust along the commanded roll and pitch at the measured yaw",
@@ -32,7 +33,7 @@ _FORM_DESCRIPTIONS = {
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(
+    result = parser_without_options(
         __doc__, "drake-quad identify-controller tests/data/crazyflie/crazyswarm2/log08.xz --mass 0.0333"
     )
     result.add_argument("log", nargs="+", type=Path, help="flight logs with the same controller")

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from drake_quad import InputError
-from drake_quad.command_line.options import add_controller, bare_parser, check_ranges, named_controllers
+from drake_quad.command_line.options import add_controller, check_ranges, named_controllers, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
@@ -19,9 +19,9 @@ from drake_quad.evaluation.claims import CONTROLLER_NAMES
 from drake_quad.evaluation.designs import design_file
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, UserController, fly_evaluation, missing_designs
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
-from drake_quad.evaluation.protocol import design_family, design_priced, tunable_entries
+from drake_quad.evaluation.protocol import design_family, design_sensitivity_variants, tunable_entries
 from drake_quad.evaluation.report import write_report
-from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation
+from drake_quad.evaluation.results import SENSITIVITY_VARIANTS, Evaluation
 from drake_quad.files import output_folder
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.files.shipped import shipped_folder
@@ -33,7 +33,7 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
+    result = parser_without_options(__doc__, "drake-quad judge --quick --family outdoor")
     result.add_argument(
         "--family",
         action="append",
@@ -60,9 +60,9 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--tune",
         nargs="*",
-        choices=[*FAMILIES, PRICED_DESIGNS],
+        choices=[*FAMILIES, SENSITIVITY_VARIANTS],
         help="design the controllers for these families, or for all families if none is named;"
-        f" {PRICED_DESIGNS} designs controllers with other stability limits",
+        f" {SENSITIVITY_VARIANTS} designs controllers with other stability limits",
     )
     result.add_argument(
         "--rounds", type=int, default=Budget().rounds, help="number of rounds of each search (default: %(default)s)"
@@ -128,10 +128,10 @@ def tune(arguments: argparse.Namespace) -> None:
             " the command in a checkout"
         )
     budget = Budget(rounds=arguments.rounds)
-    for name in arguments.tune or [*FAMILIES, PRICED_DESIGNS]:
+    for name in arguments.tune or [*FAMILIES, SENSITIVITY_VARIANTS]:
         path = design_file(shipped_folder(), name)
-        if name == PRICED_DESIGNS:
-            designs = design_priced(shipped_folder(), budget=budget)
+        if name == SENSITIVITY_VARIANTS:
+            designs = design_sensitivity_variants(shipped_folder(), budget=budget)
         else:
             designs = design_family(
                 shipped_folder(),

@@ -7,15 +7,15 @@ from drake_quad.command_line.fly import start_meshcat
 from drake_quad.command_line.options import (
     add_controller,
     add_overrides,
-    bare_parser,
     check_ranges,
+    parser_without_options,
     scenario_from_arguments,
 )
 from drake_quad.command_line.output import remark
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad live laboratory:low_wind")
+    result = parser_without_options(__doc__, "drake-quad live laboratory:low_wind")
     result.add_argument(
         "scenario",
         nargs="?",

@@ -39,7 +39,7 @@ COMMANDS_BY_PURPOSE = {
         "design": "design the gains of the cascade, and print the stability margins",
         "design-lqg": "design a linear-quadratic-Gaussian controller, and print its margins",
         "tune": "tune parameters of a controller by simulated flights, under a limit on its margins",
-        "map": "map which gains stabilise a loop",
+        "map": "map stability and errors over two gains, or flights over two other fields",
     },
     "take to hardware": {
         "export": "write the controller of a scenario as C code",
@@ -48,14 +48,14 @@ COMMANDS_BY_PURPOSE = {
         "identify": "identify a vehicle and its uncertainty from flight logs",
         "identify-controller": "identify the position law of a controller from flight logs",
         "estimate": "run a state estimator on the inertial sensors of flight logs",
-        "compare-log": "simulate the reference of a flight log, and compare measured and predicted errors",
+        "compare-log": "fly the reference of a log in simulation, and compare measured and predicted errors",
     },
     "more": {
         "replicate": "repeat the experiment of the paper, and write a report",
         "completion": "print a script with which a shell completes commands",
     },
 }
-COMMANDS = {name: words for commands in COMMANDS_BY_PURPOSE.values() for name, words in commands.items()}
+COMMANDS = {name: text for commands in COMMANDS_BY_PURPOSE.values() for name, text in commands.items()}
 
 _GC_THRESHOLD = 50_000  # new objects between two garbage collections; Python's default is 2,000 or fewer
 _DESCRIPTION = "A Drake laboratory for quadrotor tracking control."

@@ -1,9 +1,10 @@
-"""Map which gains stabilise a loop, or which values of two fields a loop tolerates, such as initial states.
+"""Map the stability and the errors of a loop over its two gains, or flights over two other fields of the scenario.
 
 A map of gains shows the stability of the linear model, and the errors of simulated flights, for the scenario and for a
 worst case with larger lag and delay. If the autopilot has the kind `attitude`, the gains of the attitude loop are the
-autopilot's k_attitude and k_rate. The option --vary maps flights over two fields instead, and shows which flights crash
-or violate a requirement. All other random parameters then have their median values.
+autopilot's k_attitude and k_rate. With the option --vary, the command maps flights over two fields instead, such as
+components of the initial attitude, and shows which flights crash or violate a requirement. All other random parameters
+then have their median values.
 """
 
 import argparse
@@ -190,8 +191,10 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
     """Return the scenario with the assignments of the worst case."""
     for field in worst:
         if not field.startswith(("vehicle.", "laboratory.")):
-            raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; use --set for other fields")
-    return scenario_from_arguments(arguments, further=parse_overrides(worst, "--worst"))
+            raise InputError(
+                f"--worst {field} must change a field of vehicle or laboratory; use --set for other fields"
+            )
+    return scenario_from_arguments(arguments, extra_overrides=parse_overrides(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
@@ -237,6 +240,6 @@ def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:
     minimum, maximum = limits
     if not 0.0 <= minimum < maximum < math.inf:
         raise InputError(
-            f"{name} is {minimum:g} {maximum:g}, but must be two gains, the first at least 0, and the second larger"
+            f"{name} {minimum:g} {maximum:g}: the first gain must be at least 0, and the second must be larger than it"
         )
     return np.linspace(minimum, maximum, size)

@@ -25,12 +25,12 @@ from drake_quad.user_code import describe_error
 from drake_quad.visualization.style import Vector
 
 
-def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
+def parser_without_options(description: str | None, example: str) -> argparse.ArgumentParser:
     """Return a parser without options.
 
     Args:
         description: description of the command.
-        example: complete command line as an example; its first two words are the name of the command.
+        example: complete command line, such as `drake-quad fly slalom`. Its first two words name the command.
     """
     result = Parser(
         prog=" ".join(example.split()[:2]),
@@ -50,11 +50,11 @@ def parser(
 
     Args:
         description: description of the command.
-        example: complete command line as an example; its first two words are the name of the command.
-        output: parent of the default output folder, which has the name of the scenario.
+        example: complete command line, such as `drake-quad fly slalom`. Its first two words name the command.
+        output: folder in which the default output folder is created. The latter is named after the scenario.
         scenario: name of the default scenario.
     """
-    result = bare_parser(description, example)
+    result = parser_without_options(description, example)
     help_text = "FILE or FILE:NAME, or the name of a shipped scenario (default: %(default)s)"
     result.add_argument("scenario", nargs="?", default=scenario, help=help_text)
     add_overrides(result)
@@ -114,7 +114,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
         InputError: if the path is not a Python file, the file raises an error, or another module has the same name.
     """
     if path.suffix != ".py" or not path.is_file():
-        raise InputError(f"{path}: is not an existing Python file")
+        raise InputError(f"{path} is not an existing Python file")
     loaded = sys.modules.get(path.stem)
     if loaded is not None and getattr(loaded, "__file__", None) != str(path.resolve()):
         raise InputError(f"{path}: another module is also called {path.stem}; rename the file")
@@ -200,7 +200,7 @@ def check_metric(
     names = [*metric_definitions(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
         known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
-        raise InputError(f"{option} {name}: is not a metric of {scenario.name}; {known}")
+        raise InputError(f"{option}: {name} is not a metric of {scenario.name}; {known}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:
@@ -213,7 +213,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def parse_overrides(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return overrides for assignments such as `vehicle.mass=0.7`, whose error messages contain the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`. Their error messages name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
@@ -282,8 +282,8 @@ def parse_controller(spec: str, scenario: str, machine: str = "host") -> NamedCo
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
     """
-    spec, *assignments = re.split(_ASSIGNMENTS, spec.strip())
-    found = _unchanged_controller(spec, scenario, machine)
+    spec, *assignments = re.split(_ASSIGNMENT_SEPARATOR, spec.strip())
+    found = _controller_without_assignments(spec, scenario, machine)
     values = [f"_{path.split('.')[-1]}_{value}" for path, _, value in (each.partition("=") for each in assignments)]
     suffix = re.sub(r"[^A-Za-z0-9.-]+", "_", "".join(values)).rstrip("_")
     return found._replace(
@@ -291,12 +291,12 @@ def parse_controller(spec: str, scenario: str, machine: str = "host") -> NamedCo
     )
 
 
-# Separates the name of a controller and the assignments of fields that follow it.
-_ASSIGNMENTS = r"\s+(?=[\w.]+=)"
+# Space between the name of a controller and the assignments of fields that follow it.
+_ASSIGNMENT_SEPARATOR = r"\s+(?=[\w.]+=)"
 
 
-def _unchanged_controller(spec: str, scenario: str, machine: str) -> NamedController:
-    """Return the controller that `--controller` names, without assignments.
+def _controller_without_assignments(spec: str, scenario: str, machine: str) -> NamedController:
+    """Return the controller that `--controller` names before any assignments.
 
     The arguments are as in `parse_controller`.
     """
@@ -362,10 +362,10 @@ def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedCon
     controllers: dict[str, NamedController] = {}
     for spec in specs:
         if spec in controllers:
-            raise InputError(f"--controller {spec}: is given twice")
+            raise InputError(f"--controller {spec} is given twice")
         names, controller = [each.name for each in controllers.values()], parse_controller(spec, scenario)
         if controller.name in names:
-            file = Path(re.split(_ASSIGNMENTS, spec)[0].rpartition(":")[0]).stem
+            file = Path(re.split(_ASSIGNMENT_SEPARATOR, spec)[0].rpartition(":")[0]).stem
             controller = controller._replace(name=f"{file}_{controller.name}".lstrip("_"))
         if controller.name in names:
             raise InputError(
@@ -378,14 +378,14 @@ def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedCon
 def scenario_from_arguments(
     arguments: argparse.Namespace,
     *,
-    further: Sequence[Override] = (),
+    extra_overrides: Sequence[Override] = (),
     load: Callable[..., Scenario] = load_scenario,
 ) -> Scenario:
     """Load the scenario that the arguments name, with the controller of `--controller` and all overrides.
 
     Args:
         arguments: arguments of the command.
-        further: overrides in addition to the overrides in the arguments.
+        extra_overrides: overrides in addition to the overrides in the arguments.
         load: function that loads the scenario.
     """
     spec = getattr(arguments, "controller", None)
@@ -394,8 +394,8 @@ def scenario_from_arguments(
         raise InputError(f"--on {machine} needs --controller FOLDER, with a folder that `drake-quad export` wrote")
     controller = NamedController("") if not spec else parse_controller(spec, arguments.scenario, machine)
     own_overrides = overrides_from_arguments(arguments)
-    scenario = controller.load(arguments.scenario, [*own_overrides, *further], load)
-    if spec and not further:
+    scenario = controller.load(arguments.scenario, [*own_overrides, *extra_overrides], load)
+    if spec and not extra_overrides:
         remark_replaced_distributions(f"--controller {spec}", arguments.scenario, scenario, own_overrides)
     return scenario
 
@@ -411,7 +411,7 @@ def remark_replaced_distributions(
         controlled: scenario with the controller and the overrides.
         overrides: overrides of the scenario, without those of the controller.
     """
-    # Overrides of the control may name fields that only the new controller has.
+    # Overrides of `control` are left out, since they may name fields that only the new controller has.
     fields = tuple(override.assignment.partition("=")[0].strip() for override in overrides)
     others = [each for each, field in zip(overrides, fields, strict=True) if not field.startswith("control")]
     with suppress(InputError):  # the scenario may be incomplete without the controller

@@ -69,7 +69,9 @@ def print_joint_disk_margin(margin: Any) -> None:
 
 
 def print_scales(name: str, found: "Certificate") -> None:
-    """Print the scale of all random parameters up to which hover is stable, and the scales at which it fails.
+    """Print the scale up to which hover is certified to be stable, and the scales at which it fails.
+
+    The ranges of all random parameters are multiplied by the scale.
 
     Args:
         name: name of the scenario.
@@ -80,11 +82,11 @@ def print_scales(name: str, found: "Certificate") -> None:
     print(f"{name}: hover in still air, with the ranges of {len(found.ranges)} parameters scaled at once")
     print("  scale 1                  the ranges in the scenario; three standard deviations if there are no limits")
     print(f"  stable up to scale       {found.stable_scale:.3g}")
-    for kind, failure in {"unstable": found.unstable, "no equilibrium": found.lost}.items():
+    for kind, failure in {"unstable": found.unstable, "no equilibrium": found.without_equilibrium}.items():
         if failure.values:
             print(f"  {f'{kind} at scale':24s} {failure.scale:.3g}")
         elif kind == "unstable":
-            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
+            print(f"  no unstable loop was found up to scale {min(found.without_equilibrium.scale, MAX_SCALE):.3g}")
     print(f"  gap between the scales   {100.0 * found.gap:.1f} % (with {found.num_cells} linear fractional models)")
 
 
@@ -101,7 +103,7 @@ def print_predictions(predictions: "Predictions") -> None:
         for horizon in predictions.horizons if quantity in predictions.errors else ():
             if predictions.starts(horizon):
                 errors = [predictions.rmse(quantity, name, horizon).text(size=1.0 / size) for name in names]
-                errors.append(predictions.better(quantity, first, second, horizon).text(size=0.01))
+                errors.append(predictions.error_reduction(quantity, first, second, horizon).text(size=0.01))
                 rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
     print_columns(("", "horizon", *names, f"improvement over {second} (%)", "unit"), rows)
 

@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
             super()._print_message(message, file)
 
     def _is_option(self, argument: str) -> bool:
-        """Return whether an argument is an option or the beginning of one."""
+        """Return whether an argument is an option or an abbreviated option."""
         name = argument.partition("=")[0]
         return any(option.startswith(name) for option in self._option_string_actions)
 
@@ -57,7 +57,7 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{self.prog} has no option {shorten_text(name)}; {question or advice}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Exit with an error message that suggests the nearest choice if a value is not among an argument's choices."""
+        """Exit with an error message that suggests the nearest choice, unless a value is one of the choices."""
         if action.choices is None or value in action.choices:
             return
         kind = f"value of {action.option_strings[-1]}" if action.option_strings else action.dest

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.command_line.options import add_vector, add_wired, bare_parser
+from drake_quad.command_line.options import add_vector, add_wired, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar, progress_bar
 from drake_quad.files import output_folder
@@ -18,7 +18,7 @@ from drake_quad.studies.processes import Workers
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad replicate --quick")
+    result = parser_without_options(__doc__, "drake-quad replicate --quick")
     result.add_argument("--quick", action="store_true", help="simulate fewer samples, as a quick test")
     result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
     result.add_argument("--resume", action="store_true", help="keep the table cells that the folder already contains")

@@ -115,7 +115,7 @@ def parse_percent(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 < value < 100.0:
-        raise InputError(f"--to {short_repr(text)}: must be a percentage above 0 %, as in 30%")
+        raise InputError(f"--to {short_repr(text)} must be a percentage above 0 %, as in 30%")
     return value
 
 
@@ -141,7 +141,10 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
         for each in risk.coordinates[:_NUM_TABLE_ROWS]
     ]
     if rows:
-        print(f"random numbers of the samples with {risk.event}; over all samples, each has mean 0 and deviation 1")
+        print(
+            f"random numbers of the samples with {risk.event}; over all samples, each has mean 0 and standard"
+            " deviation 1"
+        )
         print_columns(("random number", "mean", "deviation", ""), rows)
 
 

@@ -8,13 +8,18 @@ import argparse
 import sys
 import textwrap
 
-from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, scenario_from_arguments
+from drake_quad.command_line.options import (
+    add_controller,
+    add_overrides,
+    parser_without_options,
+    scenario_from_arguments,
+)
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
 
 def options() -> argparse.ArgumentParser:
-    result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
+    result = parser_without_options(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
     result.add_argument(
         "scenario",
         nargs="?",

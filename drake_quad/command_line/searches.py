@@ -29,9 +29,9 @@ def search_parser(description: str | None, example: str) -> argparse.ArgumentPar
 
 @contextmanager
 def open_search(arguments: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[Path, dict[str, Any]]]:
-    """Open the output folder and the workers of a search, and yield the folder and options for the search.
+    """Open the output folder and the workers of a search, and yield the folder and keyword arguments.
 
-    The functions that search accept these options: `compiled`, `pool`, `folder` and `resume`.
+    The keyword arguments are those that all search functions accept: `compiled`, `pool`, `folder` and `resume`.
     """
     folder = output_folder(resolve_output_folder(arguments, scenario))
     print_flight_remarks([scenario])

@@ -46,7 +46,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
     effect.
     """
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
-    # Gains of 0 are left out, because the diagram may not contain their terms, and then has no derivative.
+    # Gains of 0 are left out, because the diagram may omit their terms. It then has no derivative with respect to them.
     fields = [
         *_COMMON_FIELDS,
         *(path for path, value in leaves(scenario) if path.startswith(_DRAG_FIELDS) and value),
@@ -109,7 +109,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def print_sensitivities(sensitivities: Sensitivities, metric: str) -> None:
-    """Print the derivative of a metric with respect to each field, sorted by the effect of a change by 1 %."""
+    """Print the derivative of a metric with respect to each field, sorted by the effect of a 1 % change."""
     if sensitivities.crash_time < math.inf:
         print(f"crashed at {sensitivities.crash_time:.2f} s; metrics and derivatives refer to the flight until then")
     print(f"{metric} {sensitivities.metrics[metric]:.6g} (SI units)")

@@ -153,7 +153,7 @@ def scenarios_from_arguments(arguments: argparse.Namespace) -> dict[str, Scenari
         if arguments.over is not None and arguments.over not in random_fields:
             names = f"its random parameters are: {join_names(random_fields) or 'none'}"
             raise InputError(
-                f"--over {arguments.over}: is not a random parameter of {name};"
+                f"--over: {arguments.over} is not a random parameter of {name};"
                 f" {did_you_mean(arguments.over, random_fields, 1) or names}"
             )
     return scenarios
@@ -194,7 +194,10 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
     )
     if (draws := study.scenario.draws) is not None:
         count = len({*draws.replicates(study.samples)})
-        print(f"{draws.kind} draws in {count} independent replicates of {draws.size} samples, which give the intervals")
+        print(
+            f"{draws.kind} draws in {count} independent replicates of {draws.size} samples, from which the intervals"
+            " follow"
+        )
     print_summary(metric_table(study))
     if study.scenario.requirements:
         print_summary(requirement_table(study))
@@ -251,7 +254,7 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
 
 
 def print_summary(summary: Summary) -> None:
-    """Print a summary as a table, followed by its remarks; a summary without headings has only remarks."""
+    """Print a summary as a table, followed by its remarks. Without headings, only the remarks are printed."""
     if summary.headings:
         print_columns(summary.headings, summary.rows)
     for sentence in summary.remarks:

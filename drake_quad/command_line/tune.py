@@ -26,8 +26,7 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import values_without_crashes
 
-# A parameter without a given range is searched from its current value divided by this factor to its value times this
-# factor.
+# Unless a range is given, a parameter may change by this factor in both directions from its current value.
 _DEFAULT_RANGE_FACTOR = 4.0
 # Number of held-out samples on which the tuned controller is tested. They follow the training samples.
 _NUM_TEST_SAMPLES = 32
@@ -105,7 +104,7 @@ def parse_tuning_parameter(text: str, scenario: Scenario) -> TuningParameter:
     values = [value_at(scenario, path) for path in paths]
     for path, value in zip(paths, values, strict=True):
         if not path.startswith("control.") or not isinstance(value, float) or not value > 0.0:
-            raise InputError(f"--tune {path}: must be a field of `control` whose value is a number above 0")
+            raise InputError(f"--tune {path} must name a field of `control` whose value is a number above 0")
     if not limits:
         return TuningParameter(paths, values[0] / _DEFAULT_RANGE_FACTOR, values[0] * _DEFAULT_RANGE_FACTOR)
     low, _, high = limits.partition(":")

@@ -86,7 +86,7 @@ def find_block(system: Any) -> Block | None:
     if kind is not None:
         return kind(system) if has_vectors(system) and _starts_at_zero(system) else None
     if isinstance(system, FleetSystem) and _is_declared(system):
-        return _Declared(system)
+        return _FleetSystemBlock(system)
     return None
 
 
@@ -124,8 +124,8 @@ def _is_declared(system: FleetSystem) -> bool:
     )
 
 
-class _Declared(Block):
-    """Block of a FleetSystem, which declares its computations."""
+class _FleetSystemBlock(Block):
+    """Block of a FleetSystem, with the computations that the system declares."""
 
     def __init__(self, system: FleetSystem) -> None:
         super().__init__(system)

@@ -17,7 +17,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# For each port or state group, by name: its first row in the log, and its layout.
+# First row in the log, and layout, of each port or state group, by name.
 _LogRows = dict[str, tuple[int, Layout]]
 
 
@@ -47,7 +47,7 @@ class Initializer:
     """
 
     def __init__(self, diagram: Diagram, *, outputs: Sequence[str]) -> None:
-        self._program = program = _compilable(diagram)
+        self._program = program = _compilable_program(diagram)
         logging_event = program.logging_event(tuple([program.topology.outputs[name] for name in outputs]))
         self._events = [event for event in (program.event_at(None), logging_event) if event is not None]
 
@@ -57,12 +57,12 @@ class Initializer:
         state, parameters = program.read(context)
         for event in self._events:
             table = program.table(event.shared, np.zeros((1, event.instants + 1)))
-            log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
+            log = np.empty((1, event.loop.num_logged, event.loop.padded_num_vehicles(n)))
             event.loop.run(state, parameters, np.zeros(program.sizes.inputs * n), table, log, n)
         return InitialValues(state.reshape(-1, n).T, parameters.reshape(-1, n).T, log[0, :, :n].T)
 
 
-def _compilable(diagram: Diagram) -> Program:
+def _compilable_program(diagram: Diagram) -> Program:
     program = Program(diagram)
     for path, system in program.uncompiled.items():
         raise InputError(
@@ -75,12 +75,12 @@ def _compilable(diagram: Diagram) -> Program:
 class ClockedFleet:
     """Fleet that machine code simulates tick by tick, with an individual clock for each vehicle.
 
-    A tick starts with the discrete updates at an instant and ends just before the discrete updates at the next instant.
-    The updates use the value of the diagram's input port. The outputs are evaluated at the end of the tick.
+    A tick starts with discrete updates and ends just before the discrete updates of the next tick. The value of the
+    diagram's input port is constant during a tick. The outputs are evaluated at the end of the tick.
 
     Args:
         diagram: diagram for any number of vehicles with one input port; all its systems must be compilable.
-        tick: period of the ticks, s; it must be a multiple of each period in the diagram.
+        tick: period of the ticks, s; it must be the least common multiple of the diagram's periods.
         num_ticks: tick count at which each clock stops.
         outputs: names of the selected output ports of the diagram, without duplicates.
         monitor: path of a system whose next discrete state can also be read.
@@ -94,7 +94,7 @@ class ClockedFleet:
     """
 
     def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, outputs: Sequence[str], monitor: str) -> None:
-        self._program = program = _compilable(diagram)
+        self._program = program = _compilable_program(diagram)
         ports = tuple([program.topology.outputs[name] for name in outputs])
         instants = program.num_instants(tick)
         loop, shared = program.tick_loop(instants, ports, monitor)

@@ -1,6 +1,6 @@
 """Machine code that simulates one tick of vehicles with individual clocks.
 
-All rows of a vector of vehicles are stored contiguously in memory, and remain there from tick to tick:
+The rows of all vehicles in a SIMD vector are stored contiguously in memory, and remain there from tick to tick:
 
     rows    (vectors, rows, lanes)      [state of vehicles 0 to 7] [state of vehicles 8 to 15] ...
 
@@ -27,14 +27,14 @@ class ClockedLoop:
 
     Args:
         listing: operations of a tick, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbol or number that each changed row of the state receives, by row index.
+        changes: new value of each changed row of the state, a symbol or a number, by row index.
         logged: symbols or numbers that are written to the log, row by row.
         sizes: number of rows in each group.
         width: number of columns in the table of time-dependent values.
         num_vehicles: number N of vehicles.
 
     Attributes:
-        lanes: number of vehicles in a vector.
+        lanes: number of vehicles in a SIMD vector.
         state: (vectors, rows, lanes) state, which each tick updates.
         parameters: (vectors, rows, lanes) parameters; `prepare` must be called after they change.
         inputs: (vectors, rows, lanes) inputs.
@@ -86,7 +86,7 @@ class ClockedLoop:
         """Compute the results that depend only on parameters.
 
         Args:
-            vectors: indices of the vectors of vehicles.
+            vectors: indices of the SIMD vectors whose parameters have changed.
         """
         for vector in vectors:
             self._run(vector, 1, 1, *self._arrays, self._shared)
@@ -121,7 +121,7 @@ def _module(preparation: Part, event: Part, rows: Mapping[str, int], width: int,
 
 
 def _take_function(width: int, lanes: int) -> str:
-    """Return the LLVM code of the function `take`, which copies table rows for the vehicles of one vector.
+    """Return the LLVM code of the function `take`, which copies table rows for the vehicles of one SIMD vector.
 
     The clock of each vehicle is the index of its table row.
     """
@@ -142,7 +142,7 @@ def _take_function(width: int, lanes: int) -> str:
 
 
 def _driver(rows: Mapping[str, int], lanes: int) -> str:
-    """Return the LLVM code of the function that Python calls, which prepares vectors or simulates a tick."""
+    """Return the LLVM code of the function that Python calls, which prepares SIMD vectors or simulates a tick."""
     arrays = [f"{name}_rows" for name in rows]
     driver = Driver.of_arrays("i64 %begin, i64 %count, i64 %prepares", [*arrays, "clock_rows", "shared", "table"])
     driver.let("end", "add i64 %begin, %count")

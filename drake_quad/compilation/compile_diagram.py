@@ -30,11 +30,11 @@ def compile_diagram(
         diagram: diagram of systems with discrete state, for any number of vehicles. The compiled diagram refers to it
             and does not change it.
         ticks: largest number of ticks that one event may simulate, if no other system needs intermediate results.
-            Outputs are then updated only at the end of an event, and simulations must start at time zero. None for an
-            event at every instant at which an event of the diagram occurs, so that state and outputs equal the state
-            and outputs of the original diagram at any time.
-        tick: period of the ticks, s, which must be one of the diagram's periods; by default, the least common multiple
-            of all periods.
+            Outputs are then updated only at the end of an event, and simulations must start at time zero. With None,
+            the compiled diagram has an event at every instant at which the original diagram has one. Its state and
+            outputs are then those of the original diagram at any time.
+        tick: period of the ticks, s, by default the least common multiple of all periods. The period must be a multiple
+            of the shortest period, and must divide the least common multiple.
         record: True to record the output ports at every tick, with the values before the discrete updates.
 
     Returns:

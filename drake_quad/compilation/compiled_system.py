@@ -11,18 +11,23 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program
 from drake_quad.compilation.topology import ExportedPort, Port
-from drake_quad.compilation.trace import ROUNDING
+from drake_quad.compilation.trace import PERIOD_TOLERANCE
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Largest number of cached tables of shared values. When the cache is full, a new table replaces the oldest one.
 _MAX_TABLES = 256
 # Number of events in each cached table of shared values if the simulator requests one event at a time.
-_TABLE_EVENTS = 64
+_EVENTS_PER_TABLE = 64
 
 
 class Log:
-    """Outputs of a compiled system that were recorded since time zero, as consecutive arrays (ticks, rows, N)."""
+    """Outputs of a compiled system, recorded since time zero.
+
+    Attributes:
+        parts: arrays (ticks, rows, columns) in the order of time. There is a column for each vehicle, and there are
+            unused columns that fill the last SIMD vector.
+    """
 
     def __init__(self) -> None:
         self.parts: list[np.ndarray] = []
@@ -38,8 +43,7 @@ class CompiledSystem(LeafSystem):
         program: compiler of the diagram.
         ticks: largest number of ticks that one event may simulate, if no other system needs intermediate results; None
             to declare an event at every instant at which the original diagram has an event.
-        tick: period of the ticks, s, which must be one of the diagram's periods; None for the least common multiple of
-            all periods.
+        tick: period of the ticks, s, as in `compile_diagram`; None for the least common multiple of all periods.
         record: True to record the diagram's output ports at every tick.
 
     Attributes:
@@ -77,7 +81,7 @@ class CompiledSystem(LeafSystem):
         is_alone = not program.row_ranges.inputs
         events, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
-            events = program.strides(ports, self._instants)
+            events = program.multi_instant_events(ports, self._instants)
         if events is None:
             self._declare_instants()
         else:
@@ -199,7 +203,7 @@ class CompiledSystem(LeafSystem):
 
         def check(context: Context, values: Any) -> None:
             begin = context.get_time() / (period * ticks)
-            if abs(begin - round(begin)) > ROUNDING:
+            if abs(begin - round(begin)) > PERIOD_TOLERANCE:
                 raise InputError(
                     f"a simulation cannot begin at {context.get_time():g} s, since an event simulates {ticks} ticks and"
                     f" events are {period * ticks:g} s apart; compile the diagram with ticks=None"
@@ -223,9 +227,9 @@ class CompiledSystem(LeafSystem):
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
         """Return the table rows of `count` consecutive events: the values that all vehicles share.
 
-        The rows are cached, and are computed for `_TABLE_EVENTS` events at once if a single event is requested.
+        The rows are cached, and are computed for `_EVENTS_PER_TABLE` events at once if a single event is requested.
         """
-        begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
+        begin, size = (first - first % _EVENTS_PER_TABLE, _EVENTS_PER_TABLE) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
             return self.program.table(event.shared, self.program.times(begin, event.instants, size))
@@ -240,7 +244,7 @@ class CompiledSystem(LeafSystem):
     def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
         """Run consecutive events with a table (events, width) of shared values, and return their logs."""
         n = self.program.num_vehicles
-        log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
+        log = np.empty((len(shared), event.loop.num_logged, event.loop.padded_num_vehicles(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()
         event.loop.run(state, parameters, self._input_rows(event.inputs, context), shared, log, n)
         return log
@@ -277,12 +281,12 @@ class CompiledSystem(LeafSystem):
         tickets |= {self.input_port_ticket(self._inputs[source]) for source in sources}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
-    def _shared_at(self, code: Event, time: float) -> np.ndarray:
+    def _shared_at(self, event: Event, time: float) -> np.ndarray:
         """Return the shared values at a time (s); they are cached if the time is an instant of the diagram."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
-            return self._table(code, instant, 1)[0]
-        return self.program.table(code.shared, np.full((1, code.instants + 1), time))[0]
+            return self._table(event, instant, 1)[0]
+        return self.program.table(event.shared, np.full((1, event.instants + 1), time))[0]
 
 
 def input_name(program: Program, source: Port | ExportedPort) -> str:

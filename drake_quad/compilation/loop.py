@@ -1,9 +1,9 @@
-"""Machine code that simulates several events for one vector of vehicles after another.
+"""Machine code that simulates several events, one SIMD vector of vehicles at a time.
 
-The rows of one vector of vehicles are copied from the fleet to contiguous memory, which remains in the processor's
-fastest cache during all events. After the last event they are copied back:
+The rows of the vehicles in a SIMD vector are copied from the fleet to contiguous memory, which remains in the
+processor's fastest cache during all events. After the last event they are copied back:
 
-    fleet  ──gather──▶  rows of a vector's vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
+    fleet  ──gather──▶  rows of one SIMD vector  ──event──▶──event──▶ ... ──scatter──▶  fleet
 
 Results that depend only on parameters are computed before the first event and stored next to these rows.
 """
@@ -26,7 +26,7 @@ class Loop:
 
     Args:
         listing: operations of an event, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbol or number that each changed row of the state receives, by row index.
+        changes: new value of each changed row of the state, a symbol or a number, by row index.
         logged: symbols or numbers that every event writes to the log.
         sizes: number of rows in each group.
         width: number of columns in the table of the values that all vehicles share; each event has one row.
@@ -70,8 +70,8 @@ class Loop:
             ]
         )
 
-    def padded(self, num_vehicles: int) -> int:
-        """Return the number of columns in a log: the number of vehicles, rounded up to whole vectors."""
+    def padded_num_vehicles(self, num_vehicles: int) -> int:
+        """Return the number of columns in a log: the number of vehicles, rounded up to whole SIMD vectors."""
         return -(-num_vehicles // self._lanes) * self._lanes
 
     def run(

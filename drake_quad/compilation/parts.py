@@ -9,8 +9,8 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers that identify two groups of rows: the precomputed results, and the log. They follow the numbers of the groups
-# `STATE`, `PARAMETERS` and `INPUTS` in `trace.py`.
+# Numbers of two further groups of rows, the precomputed results and the log. The numbers of the other groups, `STATE`,
+# `PARAMETERS` and `INPUTS`, are in `trace.py`.
 PRECOMPUTED = 3
 LOG = 4
 # Size of a cache line of the processor, bytes. Array addresses are multiples of this size.
@@ -50,7 +50,7 @@ class Part(NamedTuple):
 
         Args:
             head: name and arguments of the function, `PREPARE` or `EVENT`.
-            lanes: number of vehicles in a vector.
+            lanes: number of vehicles in a SIMD vector.
             log_stride: distance between consecutive rows of the log, in elements.
             shared: shared values, as in `drake_quad.framework.instructions.function`.
         """
@@ -105,7 +105,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
     lines = [*results.changes.values(), *results.logged]
     targets = [*((STATE, row) for row in results.changes), *((LOG, row) for row in range(len(results.logged)))]
     fixed = _are_fixed(listing)
-    preparation = _Copy(listing)
+    preparation = _PartialCopy(listing)
     rest = _RemainingPart(listing, fixed, preparation)
     # A line is copied after the lines that compute its operands. Copying a line therefore never recurses deeply.
     for line in _required_lines(listing, lines):
@@ -118,7 +118,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
     return Part(preparation.listing, precomputed), Part(rest.listing, stores)
 
 
-class _Copy:
+class _PartialCopy:
     """Partial copy of a listing, with only the requested operations and their operands.
 
     Attributes:
@@ -147,7 +147,7 @@ class _Copy:
         return self.listing.line(name, operands, kind, inside)
 
 
-class _RemainingPart(_Copy):
+class _RemainingPart(_PartialCopy):
     """Partial copy of a listing that reads precomputed results where they depend only on parameters.
 
     Args:
@@ -159,7 +159,7 @@ class _RemainingPart(_Copy):
         precomputed: lines of the source that `preparation` computes and this copy reads.
     """
 
-    def __init__(self, source: Listing, fixed: Sequence[bool], preparation: _Copy) -> None:
+    def __init__(self, source: Listing, fixed: Sequence[bool], preparation: _PartialCopy) -> None:
         super().__init__(source)
         self.precomputed: list[int] = []
         self._fixed, self._preparation = fixed, preparation

@@ -17,7 +17,7 @@ from drake_quad.compilation.parts import PartSizes
 from drake_quad.compilation.placeholder import has_state, wrapped_system
 from drake_quad.compilation.shared_values import SharedValues
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
-from drake_quad.compilation.trace import ROUNDING, RowRanges, Trace
+from drake_quad.compilation.trace import PERIOD_TOLERANCE, RowRanges, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.process_settings import without_garbage_collection
@@ -37,7 +37,7 @@ class Event(NamedTuple):
 
     Attributes:
         loop: machine code and its memory.
-        shared: values that all vehicles share.
+        shared: columns of the table of values that all vehicles share.
         instants: number of consecutive instants that the event simulates.
         inputs: external inputs that the event reads.
     """
@@ -180,27 +180,29 @@ class Program:
             InputError: if the diagram's cycle is not a multiple of this period.
         """
         instants = round(period / self.base)
-        if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
+        if not instants or abs(period / self.base - instants) > PERIOD_TOLERANCE or self.cycle % instants:
             raise InputError(
-                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s, which do not match its"
-                " periods"
+                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s: their period must be a"
+                f" multiple of {self.base:g} s, and must divide {self.cycle * self.base:g} s, the least common multiple"
+                " of all periods"
             )
         return instants
 
     @_cached
-    def strides(self, recorded: tuple[Port, ...], max_instants: int) -> list[Event] | None:
+    def multi_instant_events(self, recorded: tuple[Port, ...], max_instants: int) -> list[Event] | None:
         """Return the events that simulate a cycle, each over as many instants as possible.
 
         An event starts with the discrete updates at an instant and ends just before the discrete updates at a later
         instant. A cycle consists of several events if external inputs are read more than once, or if a single event
-        would exceed `max_instants` instants. The result is None if events cannot simulate whole instants.
+        would exceed `max_instants` instants. The result is None if an unrestricted update takes place at time zero, or
+        reads an external input.
 
         Args:
             recorded: ports that are logged every `max_instants` instants, from the first instant on.
             max_instants: largest number of instants in an event. The cycle must be a multiple of it.
         """
         if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
-            # Unrestricted updates at time zero require a separate event.
+            # An event begins with discrete updates, so it cannot contain an unrestricted update at time zero.
             return None
         for instants in (each for each in range(max_instants, 0, -1) if max_instants % each == 0):
             events = []
@@ -350,7 +352,7 @@ class Program:
             raise InputError(f"{self.diagram.get_name()} cannot be compiled: it has no periodic events")
         base = min(period for _, period in periods)
         for path, period in periods:
-            if abs(period / base - round(period / base)) > ROUNDING:
+            if abs(period / base - round(period / base)) > PERIOD_TOLERANCE:
                 raise InputError(
                     f"{path} cannot be compiled: its period, {period:g} s, is not a multiple of {base:g} s"
                 )

@@ -49,14 +49,14 @@ class SharedValues:
         """Number of columns."""
         return len(self._columns)
 
-    def column(self, instant: int, number: _SharedValue) -> int:
+    def column(self, instant: int, value: _SharedValue) -> int:
         """Return the index of a value's column; the column is added if it does not exist.
 
         Args:
             instant: index of the instant in the event.
-            number: shared value in the column.
+            value: shared value in the column.
         """
-        return self._columns.setdefault((instant, number), len(self._columns))
+        return self._columns.setdefault((instant, value), len(self._columns))
 
     def second(self, instant: int, ticks: CurrentTick) -> int:
         """Return the index of the column that is 1 where the instant is the second tick of a pair, else 0."""
@@ -72,23 +72,23 @@ class SharedValues:
         """
         table = np.empty((len(times), max(1, self.width)))
         port_values: dict[tuple[int, str, int], np.ndarray] = {}
-        for (instant, number), column in self._columns.items():
+        for (instant, value), column in self._columns.items():
             event_times = times[:, instant]
-            if isinstance(number, SharedValueSource):
-                key = instant, number.path, number.output
+            if isinstance(value, SharedValueSource):
+                key = instant, value.path, value.output
                 if key not in port_values:
-                    port = number.path, number.output
+                    port = value.path, value.output
                     port_values[key] = np.array([values(*port, time) for time in event_times.tolist()])
-                table[:, column] = port_values[key][:, number.element]
+                table[:, column] = port_values[key][:, value.element]
             else:
-                table[:, column] = _values_at(number, event_times)
+                table[:, column] = _values_at(value, event_times)
         return table
 
 
-def _values_at(number: Any, times: np.ndarray) -> np.ndarray:
-    match number:
+def _values_at(value: Any, times: np.ndarray) -> np.ndarray:
+    match value:
         case CurrentTick():
-            return np.asarray(number.at(times).pair)  # type: ignore[arg-type]
+            return np.asarray(value.at(times).pair)  # type: ignore[arg-type]
         case _SecondOfPair(ticks=ticks):
             return np.asarray(ticks.at(times).second, dtype=float)  # type: ignore[arg-type]
     return times

@@ -18,7 +18,7 @@ Rows = list[Any]
 # Numbers of the groups of rows that a listing reads: state, parameters and external inputs.
 STATE, PARAMETERS, INPUTS = range(3)
 # Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
-ROUNDING = 1e-9
+PERIOD_TOLERANCE = 1e-9
 
 
 class RowRanges(NamedTuple):
@@ -104,16 +104,16 @@ class Trace:
         self._outputs.clear()
 
     def changes(self) -> dict[int, Any]:
-        """Return the symbol or number that each changed row of the state has, by row index."""
+        """Return the new value of each changed row of the state, a symbol or a number, by row index."""
         return {
             self._row_ranges.states[key][0] + row: value
             for key, rows in self._states.items()
             for row, value in enumerate(rows)
         }
 
-    def shared(self, number: str | SharedValueSource = TIME_VALUE) -> Symbol:
-        """Return the time (s), or an element of a port that all vehicles share, at the current instant."""
-        return self.listing.shared(self._shared.column(self.instant, number))
+    def shared(self, value: str | SharedValueSource = TIME_VALUE) -> Symbol:
+        """Return a value that all vehicles share at the current instant: the time (s), or an element of a port."""
+        return self.listing.shared(self._shared.column(self.instant, value))
 
     def tick(self, ticks: CurrentTick) -> Tick:
         """Return the tick at the current instant.
@@ -122,7 +122,7 @@ class Trace:
         the position is a constant. The two ticks of a pair then use one shared value, the number of the pair.
         """
         step = round(ticks.period / self._base)
-        on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
+        on_grid = step > 0 and abs(ticks.period / self._base - step) < PERIOD_TOLERANCE
         if on_grid and self._instants % (2 * step) == 0 and self.instant % step == 0:
             pair, position = divmod(self.instant // step, 2)
             return Tick(untyped(self.listing.shared(self._shared.column(pair * 2 * step, ticks))), position == 1)

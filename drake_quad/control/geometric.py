@@ -95,7 +95,8 @@ def integrating_law(
 ) -> Torque:
     """Return the torque of an `IntegratingAttitudeController`: `geometric_law` minus I times the integral.
 
-    If the period (s) is positive, the error of this tick is first added to the integral, as by `integrated_rotation`.
+    If `period` (s) is positive, the error of this tick is first added to the integral by `integrated_rotation`, as
+    backward Euler requires.
     """
     if period > 0.0:
         integral = integrated_rotation(integral, measurement, attitude, parameters, period)

@@ -29,7 +29,7 @@ class IncrementalAttitudeParameters(NamedTuple):
 
 
 def _corrected_command(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
-    """Return the memory after the measurement, and the commanded angular acceleration.
+    """Return the memory corrected by the measurement, and the commanded angular acceleration α_c - d.
 
     The arguments are as in `incremental_torque`.
     """
@@ -69,7 +69,7 @@ def incremental_torque(
 
 def next_incremental_memory(
     memory: tuple[Any, ...],
-    following: tuple[AxisCommand, ...],
+    modelled_response: tuple[AxisCommand, ...],
     in_transit: tuple[tuple[Row, ...], ...],
     *arguments: Any,
 ) -> Any:
@@ -79,8 +79,8 @@ def next_incremental_memory(
     arrived, next_in_transit = shift_delay_line(tuple(commanded), in_transit)
     commands = tuple([AxisCommand(each, 0.0) for each in arrived])
     lags = (AxisCommand(parameters.lag, parameters.lag),) * 3
-    after, following = predict(corrected, following, commands, (parameters.law,) * 3, lags, period)
-    return after, following, next_in_transit
+    after, modelled_response = predict(corrected, modelled_response, commands, (parameters.law,) * 3, lags, period)
+    return after, modelled_response, next_in_transit
 
 
 @fleet_system(float, AutoDiffXd)
@@ -107,7 +107,7 @@ class IncrementalAttitudeController(FleetSystem):
     Smeur, Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for attitude control of
     micro air vehicles", JGCD 39, 2016.
 
-    The states are `memory` (memory of the law), `following` (modelled response) and, if there is a delay,
+    The states are `memory` (memory of the law), `modelled_response` (modelled response) and, if there is a delay,
     `commands_in_transit` (commands in the delay line). The only parameter of the context is `parameters`.
 
     Args:
@@ -121,9 +121,9 @@ class IncrementalAttitudeController(FleetSystem):
         """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
         memory = self.state("memory", lambda parameters: (parameters.law.initial_memory(0.0),) * 3)
-        following = self.state("following", lambda _: ZERO_COMMANDS)
+        modelled_response = self.state("modelled_response", lambda _: ZERO_COMMANDS)
         in_transit = self.state("commands_in_transit", lambda _: ((0.0,) * 3,) * delay_ticks) if delay_ticks else ()
         reads = measurement, attitude, rates, acceleration, parameter, period
-        writes = memory, following, in_transit
+        writes = memory, modelled_response, in_transit
         self.update(period, next_incremental_memory, *writes, *reads, writes=writes)
         self.output("torque", incremental_torque, memory, *reads)

@@ -1,4 +1,7 @@
-"""Position control (outer loop): from the position error to a commanded acceleration."""
+"""Position control (outer loop): from the position error to a commanded acceleration.
+
+Equation numbers refer to Kayacan and Maslim (2016).
+"""
 
 from typing import Any, Literal, NamedTuple
 

@@ -1,4 +1,7 @@
-"""Thrust vectoring: from a commanded acceleration to thrust and attitude by eq (7), at any yaw and within limits."""
+"""Thrust vectoring: from a commanded acceleration to thrust and attitude by eq (7), at any yaw and within limits.
+
+Equation numbers refer to Kayacan and Maslim (2016), unless another paper is named.
+"""
 
 from typing import Annotated, NamedTuple
 

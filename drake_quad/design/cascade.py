@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.design.gains import (
-    AxisGains,
+    AxisPdGains,
     GainFamily,
     LoopDesign,
     PolePair,
@@ -59,7 +59,8 @@ class CascadeDesign:
     """Designed loops of a cascade, by name: roll, pitch, yaw, x, y, z; on board also roll rate, pitch rate, yaw rate.
 
     Attributes:
-        loops: loops on the ground, including the attitude loops if attitude is controlled on the ground.
+        loops: loops on the ground, which are closed over the command link. They include the attitude loops, unless an
+            autopilot controls the attitude.
         on_board: loops of an autopilot, if the design includes them.
     """
 
@@ -104,7 +105,7 @@ def _proportional(loop: LoopDesign) -> float:
 def with_integrals(scenario: Scenario) -> Scenario:
     """Return the scenario with a position controller that has an integral.
 
-    A position controller without an integral is replaced with a PID whose k_I are zero.
+    A position controller without an integral becomes a PID with k_I = 0, which `with_gains` can replace.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -119,9 +120,10 @@ def _integrating(scenario: Scenario) -> PidPosition:
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
-    """Return the scenario with new gains on the ground.
+    """Return the scenario with new gains in the block `control`.
 
-    The gains are for controllers without estimators, so each controller is replaced with its `without_estimator` form.
+    The gains are for controllers without a disturbance estimator. Each controller is therefore replaced with its
+    `without_estimator` form.
 
     Args:
         scenario: scenario whose control is a cascade.
@@ -136,7 +138,7 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
-    """Return the scenario with new gains on board, which have the form of `CascadeDesign.autopilot_gains`."""
+    """Return the scenario with new gains in the block `laboratory.autopilot`; see `CascadeDesign.autopilot_gains`."""
     return with_values(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
@@ -204,13 +206,12 @@ def design_cascade(
         scenario: scenario with a cascade. Its present gains are ignored in the loops that are designed.
         options: options for each axis; by default `default_options`, and `on_board_options` for an autopilot.
         on_board: True to design the loops of an autopilot of kind `attitude` first.
-        integral: fraction of the phase margin that the integrals of the position loops may cost, between 0 and 1. The
-            PD is designed with a phase margin that is larger by this fraction, and the margins include the integral.
-            None for a PD.
+        integral: largest fraction of the phase margin that the integral of a position loop may use up, between 0 and 1.
+            The PD is designed for a larger phase margin, so that the PID still meets the requirements. None for a PD.
 
     Raises:
-        InputError: requirements cannot be met, the scenario contains distributions, or it has no on-board loops to
-            design.
+        InputError: if the requirements cannot be met, the scenario contains distributions, or it has no on-board loops
+            to design.
     """
     period = scenario.laboratory.command_link.period
     all_options = default_options(period) | (on_board_options() if on_board else {}) | dict(options or {})
@@ -221,7 +222,7 @@ def design_cascade(
     laboratory = laboratory_plant(scenario)
     loops: dict[str, LoopDesign] = {}
 
-    def add(axis: str, plant: SampledSystem) -> None:
+    def design_axis(axis: str, plant: SampledSystem) -> None:
         """Design a loop. If another axis has the same plant, as in a symmetric vehicle, reuse its design."""
         loop_options = all_options[axis]
         required = loop_options.requirements
@@ -237,11 +238,11 @@ def design_cascade(
 
     on_the_ground = not scenario.laboratory.autopilot.controls_attitude
     for axis in _LOOP_SIGNALS if on_the_ground else ("z",):
-        add(axis, attitude_plant(laboratory, scenario, axis))
+        design_axis(axis, attitude_plant(laboratory, scenario, axis))
     for axis, (tilt, _) in _TILT_OF_AXIS.items():
         attitude = loops[tilt].gains if on_the_ground else None
-        assert attitude is None or isinstance(attitude, AxisGains)
-        add(axis, position_plant(laboratory, scenario, axis, attitude))
+        assert attitude is None or isinstance(attitude, AxisPdGains)
+        design_axis(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
         integration = _integrating(scenario).integration
         for axis in _POSITION_AXES:
@@ -308,10 +309,10 @@ def _designed(plant: SampledSystem, loop_options: LoopOptions, axis: str) -> Loo
 
 def _has_equal_response(a: SampledSystem, b: SampledSystem) -> bool:
     """Return True if two plants have the same impulse response; the names of their states do not matter."""
-    return len(a.A) == len(b.A) and np.allclose(_markov(a), _markov(b), rtol=1e-9, atol=1e-12)
+    return len(a.A) == len(b.A) and np.allclose(_impulse_response(a), _impulse_response(b), rtol=1e-9, atol=1e-12)
 
 
-def _markov(plant: SampledSystem) -> np.ndarray:
+def _impulse_response(plant: SampledSystem) -> np.ndarray:
     """Return the impulse response of a plant, long enough to distinguish it from any plant with as many states."""
     state, response = plant.B, []
     for _ in range(2 * len(plant.A)):
@@ -334,7 +335,7 @@ def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -
 
 
 def position_plant(
-    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains | None
+    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisPdGains | None
 ) -> SampledSystem:
     """Return the plant from a commanded acceleration on x or y to position and velocity, with a closed attitude loop.
 

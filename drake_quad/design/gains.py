@@ -9,7 +9,7 @@ meets the required margins. The families are:
 
 - `PolePair`: the two gains place two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
   bandwidth ω and a damping ratio ζ. These must be the slowest poles of the loop.
-- `RegulatorRequirements`: the two gains with the smallest quadratic cost, for a disturbance at the input of the plant.
+- `OutputRegulator`: the two gains with the smallest quadratic cost, for a disturbance at the input of the plant.
   The design includes the ratio to the cost of a full linear-quadratic regulator, which feeds back every state.
 - `Proportional`: the single gain of a loop on board.
 """
@@ -38,15 +38,16 @@ _NUM_BISECTIONS = 12
 _MAX_INTEGRAL_RATIO = 0.25
 # Bandwidths of the pole pairs with which the search for a regulator may start, rad/s. The first stable one is used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
-# A loop counts as unstable if an entry of its closed-loop matrix to the power of 2²⁹ is not below `_NEGLIGIBLE_POWER`.
-# The magnitude of its slowest pole is then above 1 - 1e-7.
+# The closed-loop matrix is squared repeatedly until all entries of its power are below `_CONVERGED_ENTRY`. The loop
+# counts as unstable if an entry exceeds `_DIVERGED_ENTRY`, or if an entry is still not below `_CONVERGED_ENTRY` for the
+# exponent 2²⁹. The magnitude of the slowest pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
-_NEGLIGIBLE_POWER = 1e-12
-_DIVERGED_POWER = 1e50
+_CONVERGED_ENTRY = 1e-12
+_DIVERGED_ENTRY = 1e50
 _UNSTABLE_LOG_COST = 100.0  # far above the logarithm of the cost of any stable loop
 
 
-class AxisGains(NamedTuple):
+class AxisPdGains(NamedTuple):
     """Gains k_P (1/s²) and k_D (1/s) of an axis."""
 
     k_p: float
@@ -67,12 +68,12 @@ class ProportionalGain(NamedTuple):
     k: float
 
 
-Gains = AxisGains | PidGains | ProportionalGain
+Gains = AxisPdGains | PidGains | ProportionalGain
 
-_NO_GAINS = AxisGains(math.nan, math.nan)
+_NO_GAINS = AxisPdGains(math.nan, math.nan)
 SLOWER_POLE = "a slower pole"
-"""Limit of a loop whose pole pair would not be its slowest poles."""
-_SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
+"""Name of the limit that a faster pole pair would not be the slowest poles of the loop."""
+_GAIN_SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
 
 
 class Requirements(NamedTuple):
@@ -131,7 +132,7 @@ class LoopDesign:
 class GainFamily(Protocol):
     """Family of gains that depend on one parameter, the effort, such as the bandwidth of a pole pair."""
 
-    def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisPdGains | ProportionalGain:
         """Return the gains of the family for a plant and an effort."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
@@ -147,14 +148,14 @@ class PolePair(NamedTuple):
 
     damping: float
 
-    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisPdGains:
         """Return the gains, which solve the linear equation 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole."""
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
         if determinant == 0.0:  # the measured value and the measured rate are not independent
             return _NO_GAINS
-        return AxisGains(-rate.imag / determinant, value.imag / determinant)
+        return AxisPdGains(-rate.imag / determinant, value.imag / determinant)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
         """Return the bandwidths that the design tries, rad/s."""
@@ -177,7 +178,7 @@ class Proportional(NamedTuple):
         return np.geomspace(_MIN_BANDWIDTH, _MAX_BANDWIDTH_RATIO * math.pi / plant.period, _NUM_EFFORTS)
 
 
-class RegulatorRequirements(NamedTuple):
+class OutputRegulator(NamedTuple):
     """Gains that minimise Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the input of the plant.
 
     Attributes:
@@ -186,29 +187,29 @@ class RegulatorRequirements(NamedTuple):
 
     rate_time: float
 
-    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisPdGains:
         """Return the gains with the smallest cost. The search starts from gains for a slow double integrator."""
-        slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _START_FREQUENCIES]
+        slow = [AxisPdGains(frequency**2, 1.6 * frequency) for frequency in _START_FREQUENCIES]
         start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
         if start is None:
             return _NO_GAINS
 
         def logarithm_of_cost(logs: np.ndarray) -> tuple[float, np.ndarray]:
             gains = np.exp(logs)
-            cost, slope = self._cost_and_slope(plant, AxisGains(*gains), effort)
+            cost, slope = self._cost_and_slope(plant, AxisPdGains(*gains), effort)
             if not math.isfinite(cost):  # the line search returns to stable gains
                 return _UNSTABLE_LOG_COST, np.zeros(len(logs))
             return math.log(cost), gains * slope / cost
 
         best = scipy.optimize.minimize(logarithm_of_cost, np.log(start), method="BFGS", jac=True)
-        return AxisGains(*(float(gain) for gain in np.exp(best.x)))
+        return AxisPdGains(*(float(gain) for gain in np.exp(best.x)))
 
-    def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
+    def cost(self, plant: SampledSystem, gains: AxisPdGains, effort: float) -> float:
         """Return the cost of a PD; it is infinite if the loop is unstable."""
         cost, _ = self._cost_and_slope(plant, gains, effort)
         return cost
 
-    def _cost_and_slope(self, plant: SampledSystem, gains: AxisGains, effort: float) -> tuple[float, np.ndarray]:
+    def _cost_and_slope(self, plant: SampledSystem, gains: AxisPdGains, effort: float) -> tuple[float, np.ndarray]:
         """Return the cost of a PD, and its derivatives with respect to k_P and k_D.
 
         The closed loop is F = A - B K C, with the gains K. The cost is Bᵀ P B, and its derivative is 2 (K C / effort² -
@@ -226,11 +227,11 @@ class RegulatorRequirements(NamedTuple):
             states = states + power @ states @ power.T
             power = power @ power
             size = np.abs(power).max()
-            if size < _NEGLIGIBLE_POWER:
+            if size < _CONVERGED_ENTRY:
                 adjoint = plant.B.T @ costs
                 slope = 2.0 * (feedback / effort**2 - adjoint @ closed) @ states @ plant.C.T
                 return (adjoint @ plant.B).item(), slope[0]
-            if not size < _DIVERGED_POWER:
+            if not size < _DIVERGED_ENTRY:
                 break
         return math.inf, np.full(len(gains), math.nan)
 
@@ -306,7 +307,9 @@ def design_loop(
     acceptable = [each for each in trials if not each.flaws]
     if not acceptable:
         closest = max(trials, key=lambda each: each.min_ratio)
-        raise InputError(f"no gains of this family meet the requirements for {axis}; at best {_listed(closest.flaws)}")
+        raise InputError(
+            f"no gains of this family meet the requirements for {axis}; closest result: {_listed(closest.flaws)}"
+        )
     best, beyond = acceptable[-1], trials[-1]
     if not beyond.flaws:
         return finished(best, ())
@@ -324,14 +327,14 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
     n = len(plant.A)
     value, *_ = plant.C
     direct, *_ = plant.D
-    own_fraction = plant.period if integration == "backward_euler" else 0.0
-    integral = np.append(own_fraction * value, 1.0)[np.newaxis]
+    present_weight = plant.period if integration == "backward_euler" else 0.0
+    integral = np.append(present_weight * value, 1.0)[np.newaxis]
     return replace(
         plant,
         A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
         B=np.vstack([plant.B, plant.period * direct]),
         C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
-        D=np.vstack([plant.D, own_fraction * direct]),
+        D=np.vstack([plant.D, present_weight * direct]),
         states=(*plant.states, "integral"),
         outputs=(*plant.outputs, "integral"),
     )
@@ -340,7 +343,7 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
 def add_integral(
     design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
 ) -> LoopDesign:
-    """Add an integral to a PD, the largest that costs at most a given fraction of the phase margin.
+    """Add the integral with the largest gain k_I that reduces the phase margin of a PD by at most a given fraction.
 
     k_I is at most a quarter of k_P times the crossover frequency of the PD loop. A larger integral would let errors
     decay in a slow oscillation, even if the margins at the crossover are large.
@@ -348,11 +351,11 @@ def add_integral(
     Args:
         design: design of the PD.
         requirements: requirements that the PID must meet.
-        cost: fraction of the phase margin that the integral may cost, between 0 and 1.
+        cost: largest fraction of the phase margin of the PD that the integral may use up, between 0 and 1.
         integration: integration rule of the PID, see `drake_quad.control.integral`.
     """
     pd, plant = design.gains, with_integral(design.plant, integration)
-    assert isinstance(pd, AxisGains)
+    assert isinstance(pd, AxisPdGains)
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
     required = requirements._replace(phase=max(requirements.phase, (1.0 - cost) * design.margins.phase))
@@ -386,19 +389,19 @@ class _GainTrial(NamedTuple):
     """
 
     effort: float
-    gains: AxisGains | ProportionalGain
+    gains: AxisPdGains | ProportionalGain
     flaws: dict[str, str]
     min_ratio: float
 
 
 def _flaws_of(
-    plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
+    plant: SampledSystem, family: GainFamily, effort: float, gains: AxisPdGains | ProportionalGain
 ) -> dict[str, str]:
     """Return a description of each flaw of a loop, by name. Margins that are too small are not included."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none exist for this effort"}
     if not min(gains) > 0.0:
-        return {"a negative gain": ", ".join(f"{_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
+        return {"a negative gain": ", ".join(f"{_GAIN_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
     if not size < 1.0:
         return {"no stability": f"a pole of magnitude {size:.4f}"}
@@ -418,7 +421,7 @@ def _finished(
 ) -> LoopDesign:
     gains, effort = best.gains, best.effort
     ratio = None
-    if isinstance(family, RegulatorRequirements) and isinstance(gains, AxisGains):
+    if isinstance(family, OutputRegulator) and isinstance(gains, AxisPdGains):
         ratio = family.cost(plant, gains, effort) / family.min_cost(plant, effort)
     return LoopDesign(
         axis=axis,
@@ -431,6 +434,6 @@ def _finished(
     )
 
 
-def _rounded(gains: AxisGains | ProportionalGain) -> AxisGains | ProportionalGain:
+def _rounded(gains: AxisPdGains | ProportionalGain) -> AxisPdGains | ProportionalGain:
     """Return the gains rounded to four significant digits, as a scenario file contains them."""
     return type(gains)(*(float(f"{gain:.4g}") for gain in gains))

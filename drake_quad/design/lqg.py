@@ -5,7 +5,7 @@ of several plants, with different lags, camera latencies and link delays, in the
 limits the peak sensitivity, the delay margin and the RMS of the commands. A trial requires no simulation: it solves two
 Riccati equations and, for each plant, a Lyapunov equation of the closed loop over a tick.
 
-The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and leans in the
+The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and tilts in the
 wind. A designed controller is therefore also checked in the exact linear model of the vehicle. If it violates a limit
 there that it satisfies with the chain, the limit for the chain is tightened and the search continues.
 """
@@ -57,10 +57,12 @@ _MIN_DISTURBANCE = 0.05  # m/s²
 _MIN_BIAS = 0.5  # m/s⁴, constant angular acceleration times gravity
 _MIN_POSITION_NOISE = 5e-4  # m
 _MIN_ATTITUDE_NOISE = 2e-3  # rad
-# Changes of an estimation error within this time are treated as noise. With 0.2 s, regulators follow the errors of the
-# estimate: in warehouse_uwb, the RMSE is then 9.6 cm instead of 5.9 cm.
+# The design treats the error of a state estimator as white noise, whose variance follows from the changes of the error
+# within this time. With 0.2 s, the variance is too small, and regulators follow the error: in warehouse_uwb, the RMSE
+# is then 9.6 cm instead of 5.9 cm.
 _ESTIMATE_INTERVAL = 1.0  # s
-_ESTIMATE_DURATION, _NUM_ESTIMATES = 20.0, 4  # s, and number of flights in which the error is measured
+_ESTIMATE_DURATION = 20.0  # s, duration of each flight in which the error of an estimator is measured
+_NUM_ESTIMATES = 4  # number of these flights
 # Assumed uncertainty of plant parameters that are not distributions.
 _LAG_SPREAD = 1.6  # factor by which the lag of a rotor may be larger or smaller than its nominal value
 _RESPONSE_SPREAD = 1.15  # the same factor for the natural frequency of the attitude response
@@ -69,8 +71,9 @@ _NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is comp
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency at which the sensitivity is computed
 _PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost; the logarithm of the error has the weight 1
 _MAX_EVALUATIONS = 600  # largest number of cost evaluations in a search
-# Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance. In
-# 1,000 flights of `bad_day`, Crazyflie designs with the factors 1, 2 and 3 crash in 17, 2.4 and 3.4 % of the flights.
+# The limit on the RMS of the torque command is at least this multiple of the constant disturbance torque that the
+# command must balance. In 1,000 flights of `bad_day`, Crazyflie designs with the factors 1, 2 and 3 crash in 17, 2.4
+# and 3.4 % of the flights.
 _TORQUE_HEADROOM = 2.0
 # Largest number of searches. Each search has tighter limits than the one before, until the controller satisfies the
 # given limits in the exact linear model.
@@ -85,7 +88,8 @@ class LqgLimits(NamedTuple):
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)| at the command link, for the loop with the nominal plant.
         delay: smallest delay margin at the command link, s.
-        snap: largest RMS of the command along x and y if torques are sent over the link, m/s⁴; see `snap_limit`.
+        snap: largest RMS of the command along x and y if torques are sent over the link, m/s⁴; see `snap_limit`. The
+            command is an angular acceleration, multiplied by gravity.
         acceleration: largest RMS of the command along z, m/s². With an autopilot, the limit also applies to x and y.
     """
 
@@ -99,7 +103,8 @@ class Plant(NamedTuple):
     """Plant from the command to the motion of the vehicle.
 
     Attributes:
-        lags: True if the rotor lag is in series with the attitude response, False if the response includes it.
+        has_series_lag: True if the rotor lag is in series with the attitude response, False if the response includes
+            it.
         lag: time constant of the rotor lag, s.
         response: attitude response of an autopilot; None without an autopilot.
         latency_frames: camera latency beyond one frame period, in frames.
@@ -107,7 +112,7 @@ class Plant(NamedTuple):
         thrust_gain: ratio of actual to commanded changes of the thrust near hover.
     """
 
-    lags: bool
+    has_series_lag: bool
     lag: float
     response: SecondOrderResponse | None
     latency_frames: int
@@ -121,7 +126,7 @@ class Conditions(NamedTuple):
     Attributes:
         lateral: statistics of the disturbing acceleration along x and y.
         vertical: statistics of the disturbing acceleration along z.
-        bias: standard deviation of the constant disturbance of the angular motion, m/s⁴.
+        bias: standard deviation of the constant disturbing angular acceleration, multiplied by gravity, m/s⁴.
         position_noise: standard deviation of the measured position, m.
         attitude_noise: standard deviation of the measured attitude, rad.
         loss_rate: fraction of the commands that are lost.
@@ -204,8 +209,9 @@ class LqgDesign:
 def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
     """Design linear-quadratic-Gaussian control for a scenario.
 
-    If the scenario has no autopilot, the result includes a yaw PD, which is designed as for a cascade. If it has a
-    state estimator, the output of the plants is the exact state, and the limits hold for the loop with the estimator.
+    If the scenario has no autopilot, the result includes a yaw PD, which is designed as for a cascade. If the scenario
+    has a state estimator, the design assumes that the exact state is measured, with noise. The exact linear model, in
+    which the limits are checked, contains the estimator.
 
     Args:
         scenario: scenario with or without distributions; its control is ignored.
@@ -222,29 +228,32 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
     gravity = scenario.nominal.gravity
 
     def lateral_axis(
-        weight: float, noise: float, first: float, second: float, bias: float, noise_factor: float
+        command_weight: float, command_noise: float, first: float, second: float, bias: float, noise_factor: float
     ) -> LateralAxis:
         response = nominal.response
         return LateralAxis(
-            lag=nominal.lag if nominal.lags else None,
+            lag=nominal.lag if nominal.has_series_lag else None,
             natural_frequency=response.natural_frequency if response else None,
             damping=response.damping if response else None,
             bias=ColouredNoise(deviation=bias, time=_BIAS_TIME),
             attitude_noise=float(f"{noise_factor * conditions.attitude_noise:.4g}"),
-            **_common(weight, noise, first, second, conditions.lateral.time, conditions.position_noise),
+            **_common_fields(
+                command_weight, command_noise, first, second, conditions.lateral.time, conditions.position_noise
+            ),
         )
 
-    def vertical_axis(weight: float, noise: float, first: float) -> VerticalAxis:
-        # The lateral axes assume that the thrust is the weight minus the estimated disturbance along z. A larger
-        # assumed deviation improves the height slightly, but makes this estimate and therefore the commanded tilt
-        # noisier.
+    def vertical_axis(command_weight: float, command_noise: float, first: float) -> VerticalAxis:
+        # The deviation of the second disturbance is not tuned. A larger value improves the height slightly, but makes
+        # the estimated disturbance along z noisier. The lateral axes use this estimate to predict the thrust, so the
+        # commanded tilt would also be noisier.
         second = float(f"{conditions.vertical.deviation:.4g}")
-        common = _common(weight, noise, first, second, conditions.vertical.time, conditions.position_noise)
+        time, position_noise = conditions.vertical.time, conditions.position_noise
+        common = _common_fields(command_weight, command_noise, first, second, time, position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
     # The search starts from the parameters in controllers/lqg.yaml or, if the command is an acceleration, from
     # equivalent parameters.
-    weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
+    command_weight, command_noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
 
     def search_along_x(timing: Timing) -> _LqgSearch:
         return _LqgSearch(
@@ -256,7 +265,14 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
             ],
             limits.acceleration if on_board else snap_limit(limits, conditions),
             timing,
-            (weight, noise, max(conditions.lateral.mean, _MIN_DISTURBANCE), 0.8, max(conditions.bias, 5.0), 0.5),
+            (
+                command_weight,
+                command_noise,
+                max(conditions.lateral.mean, _MIN_DISTURBANCE),
+                0.8,
+                max(conditions.bias, 5.0),
+                0.5,
+            ),
             limits,
         )
 
@@ -274,7 +290,7 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         (1e-3, 0.03, max(conditions.vertical.mean, _MIN_DISTURBANCE)),
         limits,
     ).improved()
-    yaw = None if on_board else _yaw(scenario)
+    yaw = None if on_board else _yaw_pd(scenario)
     for _ in range(_MAX_ROUNDS):
         lateral_design, lateral_predictions = lateral.result()
         vertical_design, vertical_predictions = vertical.result()
@@ -300,8 +316,8 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
 def considered_plants(scenario: Scenario) -> tuple[Plant, ...]:
     """Return the plants that a design considers: the nominal plant, and corner plants around it.
 
-    Each corner plant has extreme values of the uncertain fields. They are the 10th and 90th percentiles of a field with
-    a distribution, and follow from an assumed uncertainty for other fields.
+    Each corner plant has extreme values of the uncertain fields. For a field with a distribution, these are the 10th
+    and 90th percentiles. For any other field, they follow from an assumed uncertainty.
     """
     middle, low, high = (scenario_at_quantile(scenario, probability) for probability in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
@@ -309,10 +325,10 @@ def considered_plants(scenario: Scenario) -> tuple[Plant, ...]:
     def bounds(path: str, number: Callable[[Scenario], Any], default_low: Any, default_high: Any) -> tuple[Any, Any]:
         return (number(low), number(high)) if path in varied else (default_low, default_high)
 
-    lag, frames, ticks = _lag(middle), _latency(middle), _delay(middle)
-    lags = bounds("vehicle.rotor_time_constant", _lag, 1.0 / _LAG_SPREAD * lag, _LAG_SPREAD * lag)
-    latencies = bounds("laboratory.motion_capture.latency_frames", _latency, frames, frames + _DELAY_SPREAD)
-    delays = bounds("laboratory.command_link.delay_ticks", _delay, ticks, ticks + _DELAY_SPREAD)
+    lag, frames, ticks = _rotor_time_constant(middle), _latency_frames(middle), _delay_ticks(middle)
+    lags = bounds("vehicle.rotor_time_constant", _rotor_time_constant, 1.0 / _LAG_SPREAD * lag, _LAG_SPREAD * lag)
+    latencies = bounds("laboratory.motion_capture.latency_frames", _latency_frames, frames, frames + _DELAY_SPREAD)
+    delays = bounds("laboratory.command_link.delay_ticks", _delay_ticks, ticks, ticks + _DELAY_SPREAD)
     autopilot = middle.laboratory.autopilot
     response = autopilot.attitude_response()
     middle_plant = Plant(not autopilot.models_vehicle, lag, response, frames, ticks, _thrust_gain(middle))
@@ -352,7 +368,7 @@ def candidate_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timin
 
 
 def flight_conditions(scenario: Scenario) -> Conditions:
-    """Return the disturbances, sampled along the plan of a scenario, its noise and its loss rate."""
+    """Return the disturbances along the plan of a scenario, the measurement noise, and the packet loss rate."""
     batch = Batch.draw(scenario, range(_NUM_WIND_SAMPLES))
     disturbed = disturbances_along(batch, plan_route(scenario))
     x, y, z = disturbed.acceleration
@@ -366,34 +382,35 @@ def flight_conditions(scenario: Scenario) -> Conditions:
             disturbance_statistics(z, disturbed.step),
         )
     )
-    bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
+    bias = gravity * float(np.sqrt((disturbed.angular_acceleration**2).mean()))
     if scenario.laboratory.autopilot.models_vehicle:
-        bias = 0.0  # the identified response includes the whole angular motion
+        bias = 0.0  # an identified attitude response describes the whole angular motion
     return Conditions(
         lateral,
         vertical,
         max(bias, _MIN_BIAS),
         max(position, _MIN_POSITION_NOISE),
         max(attitude, _MIN_ATTITUDE_NOISE),
-        _size(link.loss_rate),
+        _rms(link.loss_rate),
     )
 
 
 def measurement_noise(scenario: Scenario) -> tuple[float, float]:
     """Return the standard deviations of the measured position (m) and attitude (rad) that a design assumes.
 
-    The error of a state estimator is correlated in time. It is replaced by white noise whose values at two times differ
-    as much as the errors do after `_ESTIMATE_INTERVAL`, in flights in hover with the control of the scenario.
+    The error of a state estimator is correlated in time. The design replaces the error by white noise. The differences
+    of two values of this noise have the same variance as the changes of the error within `_ESTIMATE_INTERVAL`, in
+    simulated flights in hover with the control of the scenario.
     """
     laboratory = scenario.laboratory
     if not laboratory.estimator.integrates_sensors:
-        return _size(laboratory.motion_capture.position_noise), _size(laboratory.motion_capture.attitude_noise)
+        return _rms(laboratory.motion_capture.position_noise), _rms(laboratory.motion_capture.attitude_noise)
     hovering = in_hover(median_scenario(scenario)).model_copy(update={"duration": _ESTIMATE_DURATION})
     flights = simulate_samples(hovering, range(_NUM_ESTIMATES))
     error = np.array([flight["measurement"][:, :6] - flight["state"][:, :6] for flight in flights])
     lag = max(round(_ESTIMATE_INTERVAL / laboratory.command_link.period), 1)
     variance = 0.5 * np.square(error[:, lag:] - error[:, :-lag]).mean(axis=(0, 1))
-    # The design has one value for all coordinates, and one for roll and pitch.
+    # The design assumes the same noise in x, y and z, and the same noise in roll and pitch.
     return float(np.sqrt(variance[:3].mean())), float(np.sqrt(variance[3:5].mean()))
 
 
@@ -416,8 +433,8 @@ class _LiftedLoops:
         Q: (k, n, n) covariances of the noise over a tick.
         command: (k, n) matrix rows that compute the sent command from the state.
         change: (k, n) matrix rows that compute the change of the sent command since the last tick.
-        lost: (k, n, 1) effect on the next state if the vehicle receives 1 more than the sent command.
-        opened: (k, n, n) system matrices of the open loops from the command on the link to minus the sent command.
+        lost: (k, n, 1) change of the next state if the command that the vehicle receives exceeds the sent command by 1.
+        opened: (k, n, n) system matrices of the loops, opened at the command link.
         loss_rates: (k,) fractions of the commands that are lost.
     """
 
@@ -544,8 +561,8 @@ class _LqgSearch:
     """Search for the best controller parameters on one axis.
 
     Attributes:
-        axis_of: function that returns the settings of the axis for given parameters.
-        loop_of: function that returns the filter and the regulator for these settings.
+        axis_of: function that returns the scenario block of the axis for given parameters.
+        loop_of: function that returns the filter and the regulator for this block.
         actual_plants: models of all plants that the design considers, the nominal plant first.
         max_command: largest allowed RMS of the command.
         timing: control period, frame period and delay that the filter assumes.
@@ -575,36 +592,36 @@ class _LqgSearch:
         violation = sum(
             5.0 + 20.0 * max(prediction.pole - 1.0, 0.0) for prediction in predictions if prediction not in stable
         )
-        first, *_ = predictions
-        if not math.isfinite(first.error):
-            return 50.0 + first.pole
+        nominal, *_ = predictions
+        if not math.isfinite(nominal.error):
+            return 50.0 + nominal.pole
         grid = np.geomspace(_MIN_FREQUENCY, 0.999 * math.pi / self.timing.tick, _NUM_FREQUENCIES)
         S = lifted.sensitivity(np.exp(1j * grid * self.timing.tick))
         delay = float(fast_margins(1.0 / S - 1.0, grid).delay)
         violation += max(0.0, np.abs(S).max() / self.chain_limits.sensitivity - 1.0)
         violation += max(0.0, 1.0 - delay / self.chain_limits.delay)
-        violation += max(0.0, math.log(first.command / self.max_command))
+        violation += max(0.0, math.log(nominal.command / self.max_command))
         return float(
             0.5 * math.log(np.mean([prediction.error**2 for prediction in stable])) + _PENALTY_WEIGHT * violation
         )
 
     def improved(self) -> "_LqgSearch":
-        """Return a search with better parameters, which a local search has found starting from the present ones."""
+        """Return the search after a local search for better parameters, which starts from the present ones."""
         logs = np.log(self.values)
-        first, *_ = steps = np.eye(len(logs))
+        steps = np.eye(len(logs))
         with single_threaded_blas():
             # The weight of the command has the largest influence, so a coarse search over decades of this weight comes
             # first.
-            begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
-            signed = (
-                begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
+            start = min((logs + shift * steps[0] for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
+            others = (
+                start + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
             )
-            options = {"maxfev": _MAX_EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
-            best = scipy.optimize.minimize(self.cost_of, begin, method="Nelder-Mead", options=options)
+            options = {"maxfev": _MAX_EVALUATIONS, "initial_simplex": np.vstack([start, *others])}
+            best = scipy.optimize.minimize(self.cost_of, start, method="Nelder-Mead", options=options)
         return replace(self, values=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def result(self) -> tuple[Any, tuple[AxisPrediction, ...]]:
-        """Return the settings of the axis with the present parameters, and the predicted performance for each plant."""
+        """Return the scenario block of the axis with the present parameters, and the performance for each plant."""
         axis = self.axis_of(*(float(f"{number:.4g}") for number in self.values))
         loop = self.loop_of(axis)
         predictions = tuple(predict_performance(loop, actual_plant, self.timing) for actual_plant in self.actual_plants)
@@ -635,22 +652,31 @@ class _LqgSearch:
         return self if chain_limits == self.chain_limits else replace(self, chain_limits=chain_limits)
 
 
-def _common(
-    weight: float, noise: float, first: float, second: float, time: float, position_noise: float
+def _common_fields(
+    command_weight: float, command_noise: float, first: float, second: float, time: float, position_noise: float
 ) -> dict[str, Any]:
-    """Return the control fields that all axes share."""
+    """Return the control fields that all axes share.
+
+    Args:
+        command_weight: weight of the command in the cost of the regulator.
+        command_noise: assumed noise of the command.
+        first: standard deviation of the first, nearly constant disturbance, m/s².
+        second: standard deviation of the second disturbance, m/s².
+        time: correlation time of the second disturbance, s.
+        position_noise: standard deviation of the measured position, m.
+    """
     return {
         "first": ColouredNoise(deviation=first, time=_CONSTANT_TIME),
         "second": ColouredNoise(deviation=second, time=float(f"{time:.3g}")),
-        "command_noise": noise,
+        "command_noise": command_noise,
         "position_noise": float(f"{position_noise:.4g}"),
-        "command_weight": weight,
+        "command_weight": command_weight,
     }
 
 
 def lateral_plant_model(plant: Plant, conditions: Conditions) -> ContinuousModel:
     """Return the model of a plant along x or y, a chain of lags and integrators, with its disturbances."""
-    lag = plant.lag if plant.lags or plant.response is None else None
+    lag = plant.lag if plant.has_series_lag or plant.response is None else None
     return lateral_model(lag, plant.response, _disturbing(conditions.lateral, ChainNoise(conditions.bias, _BIAS_TIME)))
 
 
@@ -666,13 +692,13 @@ def _disturbing(conditions: DisturbanceStatistics, bias: ChainNoise | None) -> D
     )
 
 
-def _yaw(scenario: Scenario) -> YawPd:
+def _yaw_pd(scenario: Scenario) -> YawPd:
     """Return a yaw PD, designed as for a cascade."""
     gains: Any = design_cascade(median_scenario(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
-def _lag(scenario: Scenario) -> float:
+def _rotor_time_constant(scenario: Scenario) -> float:
     """Return the time constant of the rotors, s: the geometric mean of the values for acceleration and braking."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
     return float(f"{up if down is None else math.sqrt(up * down):.4g}")
@@ -684,18 +710,18 @@ def _thrust_gain(scenario: Scenario) -> float:
     plant = laboratory_plant(scenario, vehicle="actual").system
     command = f"{scenario.laboratory.autopilot.command}.thrust"
     response = plant.between([command], ["measurement.z"]).response(np.exp([1j * slow * period])).item()
-    return float(f"{abs(response) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")
+    return float(f"{abs(response) * mass * slow**2 * math.hypot(1.0, slow * _rotor_time_constant(scenario)):.3g}")
 
 
-def _latency(scenario: Scenario) -> int:
+def _latency_frames(scenario: Scenario) -> int:
     return int(scenario.laboratory.motion_capture.latency_frames)
 
 
-def _delay(scenario: Scenario) -> int:
+def _delay_ticks(scenario: Scenario) -> int:
     return int(scenario.laboratory.command_link.delay_ticks)
 
 
-def _size(quantity: Any) -> float:
+def _rms(quantity: Any) -> float:
     """Return the root mean square of a quantity, which may be a distribution or a number."""
     if isinstance(quantity, float):
         return quantity

@@ -22,7 +22,7 @@ _AUTOPILOT_BLOCK = "laboratory.autopilot"
 
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
-_NUM_FREQUENCIES = 300  # number of frequencies between which the delay margin is interpolated
+_NUM_FREQUENCIES = 300  # number of frequencies of the loop response; the delay margin is interpolated
 # Change of a gain with which the derivative of the linear model is computed as a difference. The model is affine in the
 # gains, so that any change gives the same derivative.
 _GAIN_STEP = 1.0

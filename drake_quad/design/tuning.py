@@ -1,11 +1,11 @@
-"""Tuning of a controller's parameters to the smallest error on training samples, subject to a limit on the loop.
+"""Tuning of a controller's parameters to the smallest error on training samples, subject to a stability limit.
 
 All controllers are tuned with the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P.
 Kroese, "The cross-entropy method", 2004) over the logarithms of the parameters. In each round a fleet simulates points
-of a normal distribution on the training samples, and the best quarter of them determines the next distribution. A
-linear model of the loop takes as long as a thousand flights. The limit is therefore evaluated only at a few of the best
-points in each round; radial basis functions predict it for all other points. Three local searches from the best point
-follow, which evaluate the limit at every step.
+of a normal distribution on the training samples, and the best quarter of them determines the next distribution.
+Evaluating the stability limit requires a linear model of the loop, which takes as long as a thousand flights. The limit
+is therefore evaluated only at a few of the best points in each round, and radial basis functions predict it for all
+other points. Three local searches from the best point follow, which evaluate the limit at every step.
 """
 
 import functools
@@ -30,20 +30,19 @@ from drake_quad.scenario.paths import map_leaves
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
+"""Path of the field with the camera latency, in frames."""
 _ELITE_FRACTION = 0.25  # fraction of the points, those with the smallest cost, that determine the next distribution
 _DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
 _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
-# The first round evaluates the limits for this many times as many candidates as each later round.
+# Number of candidates for which the first round evaluates the limits, relative to this number in later rounds.
 _FIRST_CHECKS_FACTOR = 4
-# A violated limit increases the logarithm of the error by this factor times the logarithm of the ratio by which the
-# limit is violated.
-_PENALTY = 4.0
-# The search interpolates the logarithms of the ratios from `margin_ratios` between the points at which they were
-# evaluated. In the first round, the assumed error of the interpolation is this factor times the distance from the
-# nearest of these points. The range of each parameter has a width of 1.
+# Weight of the logarithm of the violated margin ratio, relative to the logarithm of the error.
+_PENALTY_WEIGHT = 4.0
+# Assumed error of a predicted logarithm of a margin ratio in the first round, divided by the distance from the nearest
+# point at which the ratio was evaluated. Distances are relative to the widths of the parameter ranges.
 _INITIAL_UNCERTAINTY = 0.5
-# Logarithm of the smallest margin ratio that the search accepts without a penalty. It is above zero, the limit itself,
-# because predicted ratios are not exact.
+# Smallest logarithm of a margin ratio without a penalty. At the limit, the logarithm is 0. The reserve allows for
+# errors of predicted ratios.
 _LIMIT_RESERVE = 0.002
 # Initial step of each local search, relative to the width of a parameter's range.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
@@ -66,7 +65,7 @@ class TuningParameter(NamedTuple):
 
     @property
     def vertical(self) -> bool:
-        """True if the parameter belongs to the vertical axis, which is the third of three."""
+        """True if the parameter belongs to the vertical axis, so that all paths end with the index 2."""
         return all(path.endswith(".2") for path in self.paths)
 
 
@@ -77,15 +76,15 @@ class Budget(NamedTuple):
         rounds: number of rounds of the search.
         candidates: number of candidates that are simulated in each round.
         samples: number of samples for each candidate, in all laboratories together.
-        checks: number of evaluations of the limit in each round.
-        steps: number of steps in each of the three local searches that follow the rounds.
+        limit_evaluations: number of evaluations of the limit in each round.
+        local_search_steps: number of steps in each of the three local searches that follow the rounds.
     """
 
     rounds: int = 12
     candidates: int = 128
     samples: int = 16
-    checks: int = 6
-    steps: int = 80
+    limit_evaluations: int = 6
+    local_search_steps: int = 80
 
 
 class LoopLimit(NamedTuple):
@@ -142,7 +141,7 @@ def tune(
     """Tune the parameters of a controller: first for the lateral axes, then for the vertical axis.
 
     The two stages are almost independent. Each stage gets a number of rounds in proportion to its number of parameters.
-    During the first stage, the vertical parameters are held at the middle of their ranges.
+    During the first stage, each vertical parameter is held at the geometric mean of its range.
 
     Args:
         scenarios: laboratories with the controller, whose present parameters are ignored. The limit is evaluated in the
@@ -153,10 +152,11 @@ def tune(
         budget: budget of the search.
         first_sample: first of the consecutive training samples.
         seed: seed of the search.
-        extra_latency: additional latency of the frames in a second set of flights, in which only crashes count, s. It
-            limits controllers that have no linear model.
-        before: parameters from an earlier search, an additional starting point of the local searches; parameters out of
-            range are clipped.
+        extra_latency: additional camera latency, s. If it is not 0, each candidate also flies all samples with this
+            latency, and the crashes of these flights count. This replaces the limit for controllers that have no linear
+            model.
+        before: parameters from an earlier search, an additional starting point of the local searches. Parameters that
+            are out of range are clipped.
         progress: function that is called after each round.
 
     Returns:
@@ -183,10 +183,13 @@ def tune(
     starts = [best]
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
-        fraction = math.inf if margin_ratios is None else float(margin_ratios(trial.scenario(point)).min())
-        starts.append(TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), fraction))
+        min_ratio = math.inf if margin_ratios is None else float(margin_ratios(trial.scenario(point)).min())
+        starts.append(TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), min_ratio))
     for radius in _LOCAL_STEPS:
-        starts = [_better(start, _local_search(trial, start, margin_ratios, radius, budget.steps)) for start in starts]
+        starts = [
+            _better(start, _local_search(trial, start, margin_ratios, radius, budget.local_search_steps))
+            for start in starts
+        ]
         if progress is not None:
             progress()
     return functools.reduce(_better, starts)
@@ -201,28 +204,28 @@ def _local_search(
 ) -> TuningResult:
     """Return the best point of a local search by COBYLA, which uses linear models (M. J. D. Powell, 1994)."""
     tried: dict[bytes, tuple[float, np.ndarray]] = {}
-    best, first = start, trial.point(start.values)
+    best, first_point = start, trial.point(start.values)
     unlimited = np.array([math.inf])
 
-    def evaluated(point: np.ndarray) -> tuple[float, np.ndarray]:
+    def evaluate(point: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the logarithms of the error and of the ratios from `margin_ratios`."""
         nonlocal best
         point = np.clip(point, 0.0, 1.0)
         if point.tobytes() not in tried:
             error = float(trial.errors(point[np.newaxis])[0])
-            fractions = unlimited if margin_ratios is None else margin_ratios(trial.scenario(point))
-            best = _better(best, TuningResult(trial.values(point), error, float(fractions.min())))
-            tried[point.tobytes()] = math.log(error), _near_limit(fractions, max(count, len(fractions)))
+            ratios = unlimited if margin_ratios is None else margin_ratios(trial.scenario(point))
+            best = _better(best, TuningResult(trial.values(point), error, float(ratios.min())))
+            tried[point.tobytes()] = math.log(error), _clipped_logarithms(ratios, max(count, len(ratios)))
         return tried[point.tobytes()]
 
     count = 0
-    count = len(evaluated(first)[1])
+    count = len(evaluate(first_point)[1])
     scipy.optimize.minimize(
-        lambda point: evaluated(point)[0],
-        first,
+        lambda point: evaluate(point)[0],
+        first_point,
         method="COBYLA",
-        constraints={"type": "ineq", "fun": lambda point: evaluated(point)[1] - _LIMIT_RESERVE},
-        options={"rhobeg": radius, "tol": 1e-3, "maxiter": max(steps, len(first) + 2)},
+        constraints={"type": "ineq", "fun": lambda point: evaluate(point)[1] - _LIMIT_RESERVE},
+        options={"rhobeg": radius, "tol": 1e-3, "maxiter": max(steps, len(first_point) + 2)},
     )
     return best
 
@@ -247,7 +250,7 @@ class _GainSearch(NamedTuple):
         trial = _Trial(scenarios, self.parameters, self.budget, self.first_sample, self.extra_latency)
         # Each coordinate of a point is 0 and 1 at the ends of a parameter's range.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
-        normal = np.random.default_rng(self.seed)
+        generator = np.random.default_rng(self.seed)
         evaluated, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
         best = TuningResult((), math.inf, 0.0)
         for number in range(self.budget.rounds):
@@ -257,17 +260,17 @@ class _GainSearch(NamedTuple):
             if margin_ratios is None:
                 best = _better(best, TuningResult(trial.values(points[order[0]]), float(errors[order[0]]), math.inf))
             else:
-                for i in order[: self.budget.checks * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
-                    fractions = margin_ratios(trial.scenario(points[i]))
-                    evaluated.add(points[i], fractions)
-                    best = _better(
-                        best, TuningResult(trial.values(points[i]), float(errors[i]), float(fractions.min()))
-                    )
+                for i in order[: self.budget.limit_evaluations * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
+                    ratios = margin_ratios(trial.scenario(points[i]))
+                    evaluated.add(points[i], ratios)
+                    best = _better(best, TuningResult(trial.values(points[i]), float(errors[i]), float(ratios.min())))
                 order = np.argsort(np.log(errors) + evaluated.penalties(points, uncertainty))
             elite = points[order[: max(round(_ELITE_FRACTION * size), 2)]]
             mean = mean + _DISTRIBUTION_STEP * (elite.mean(axis=0) - mean)
             spread = spread + _DISTRIBUTION_STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
-            points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.min_deviation**2), size), 0.0, 1.0)
+            points = np.clip(
+                generator.multivariate_normal(mean, spread + np.diag(trial.min_deviation**2), size), 0.0, 1.0
+            )
             if progress is not None:
                 progress()
         return best
@@ -318,7 +321,7 @@ class _Trial:
             for path in parameter.paths
         }
         errors = [_errors(*self._flights(fleet, varying, len(points))) for fleet in self._fleets]
-        late = [_crashes(*self._flights(fleet, varying, len(points))) for fleet in self._late_fleets]
+        late = [_crash_costs(*self._flights(fleet, varying, len(points))) for fleet in self._late_fleets]
         return np.asarray(np.mean(errors, axis=0) + sum(late, np.zeros(len(points))) / len(errors))
 
     def _flights(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
@@ -330,12 +333,13 @@ class _Trial:
 def tolerated_delay(
     scenarios: Sequence[Scenario], max_latency: float, *, budget: Budget = Budget(), first_sample: int = 0
 ) -> float:
-    """Return the largest additional camera latency at which no training flight crashes, s, in whole frames.
+    """Return the largest additional camera latency at which no training flight crashes, s.
+
+    The result is a multiple of the frame period; 0 if a flight crashes at each latency that is tried.
 
     Args:
         scenarios: laboratories with the controller.
         max_latency: largest latency that is tried, s.
-
         budget: budget, which determines the number of training samples.
         first_sample: index of the first training sample.
     """
@@ -386,10 +390,10 @@ def with_parameter_values(
 def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
     """Return the mean error of each candidate, (count,), m, including the costs of crashes."""
     tracking_errors = np.where(metrics.crashed, 0.0, metrics.rmse).reshape(count, -1).mean(axis=1)
-    return np.asarray(tracking_errors + _crashes(metrics, duration, count))
+    return np.asarray(tracking_errors + _crash_costs(metrics, duration, count))
 
 
-def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
+def _crash_costs(metrics: Metrics, duration: float, count: int) -> np.ndarray:
     """Return the mean crash cost of each candidate, (count,), m."""
     remaining_fraction = 1.0 - np.minimum(metrics.crash_time, duration) / duration
     costs = np.where(metrics.crashed, _CRASH_COST * (1.0 + remaining_fraction), 0.0)
@@ -402,12 +406,12 @@ class _EvaluatedPoints:
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
         self._points: list[np.ndarray] = []
-        self._fractions: list[np.ndarray] = []
+        self._ratios: list[np.ndarray] = []
 
-    def add(self, point: np.ndarray, fractions: np.ndarray) -> None:
+    def add(self, point: np.ndarray, ratios: np.ndarray) -> None:
         """Add an evaluated point."""
         self._points.append(point)
-        self._fractions.append(fractions)
+        self._ratios.append(ratios)
 
     def penalties(self, points: np.ndarray, uncertainty: float) -> np.ndarray:
         """Return penalties (count,) on the logarithm of the error, positive where the limits are probably violated.
@@ -421,20 +425,21 @@ class _EvaluatedPoints:
         # A plane through `dimensions` + 1 points fits them exactly, so predictions need at least one more point.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
-        count = max(map(len, self._fractions))
-        fractions = [_near_limit(each, count) for each in self._fractions]
-        predicted = scipy.interpolate.RBFInterpolator(self._points, fractions, smoothing=1e-4)(points).min(axis=1)
+        count = max(map(len, self._ratios))
+        ratios = [_clipped_logarithms(each, count) for each in self._ratios]
+        predicted = scipy.interpolate.RBFInterpolator(self._points, ratios, smoothing=1e-4)(points).min(axis=1)
         distance = scipy.spatial.distance.cdist(points, self._points).min(axis=1)
-        return np.asarray(_PENALTY * np.maximum(_LIMIT_RESERVE - predicted - uncertainty * distance, 0.0))
+        return np.asarray(_PENALTY_WEIGHT * np.maximum(_LIMIT_RESERVE - predicted - uncertainty * distance, 0.0))
 
 
-def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
+def _clipped_logarithms(ratios: np.ndarray, count: int) -> np.ndarray:
     """Return the logarithms (count,) of clipped ratios from `margin_ratios`.
 
-    For an unstable loop, `margin_ratios` returns one ratio instead of `count`, which is then used for all limits. The
-    search needs exact ratios only near the limits, and far from the limits they are discontinuous.
+    For an unstable loop, `margin_ratios` returns a single 0 instead of `count` ratios. This value is then used for all
+    limits. The ratios are clipped because they are discontinuous far from the limits, where the search does not need
+    exact values.
     """
-    return np.log(np.clip(np.broadcast_to(fractions, count), *_MARGIN_RATIO_RANGE))
+    return np.log(np.clip(np.broadcast_to(ratios, count), *_MARGIN_RATIO_RANGE))
 
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:

@@ -50,7 +50,7 @@ class Range(NamedTuple):
 
     Attributes:
         path: path of the field with the distribution.
-        field: path of the same field in the scenario in hover.
+        field: path of the field of the scenario in hover that changes with the parameter.
         low: lower end at scale 1.
         high: upper end at scale 1.
         is_logarithmic: True if the logarithm of the value is scaled.
@@ -65,7 +65,8 @@ class Range(NamedTuple):
     def at(self, z: np.ndarray) -> np.ndarray:
         """Return the values at scaled parameters z, which are -1 and 1 at the ends of the range.
 
-        If the range at scale 1 contains no negative number, the values are clipped so that none is negative.
+        If `low` is not negative, the values are clipped: they are at least a tenth of the centre of the range, or at
+        least `low` if `low` is smaller.
         """
         if self.is_logarithmic:
             return np.asarray(math.sqrt(self.low * self.high) * (self.high / self.low) ** (0.5 * z))
@@ -101,7 +102,7 @@ class Failure(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Strongly coupled states of a loop. The poles of these states alone are also poles of the whole loop.
+    """Strongly connected component of the states of a loop. Its poles are also poles of the whole loop.
 
     Attributes:
         states: indices of the states.
@@ -129,20 +130,20 @@ class UncertainHover:
         combinations: (combinations, choices) all combinations of discrete values.
         left_out: paths of distributions that do not act on hover in still air.
         unstable: unstable loop with the smallest scale so far.
-        lost: combination of parameters with the smallest scale so far at which the loop has no equilibrium, because a
-            command saturates.
+        without_equilibrium: combination of parameters with the smallest scale so far at which the loop has no
+            equilibrium, because a command saturates.
         num_loops: number of loops so far.
         generator: source of all random choices.
 
     Raises:
         InputError: if no distribution acts on hover, the scenario has a state estimator, the loop has no linear model,
-            or it has no equilibrium or a pole at 1 at the centre of the ranges.
+            or the loop at the centre of the ranges has a pole at 1 or no equilibrium.
     """
 
     def __init__(self, scenario: Scenario, user_systems: UserSystems, progress: Callable[[int, str], None]) -> None:
         self._progress, self.num_loops = progress, 0
         self.generator = np.random.default_rng(scenario.seed)
-        self.unstable = self.lost = Failure(math.inf, {})
+        self.unstable = self.without_equilibrium = Failure(math.inf, {})
         self.ranges, self.choices, self.left_out = parameters_in_hover(scenario)
         if not self.ranges:
             raise InputError(
@@ -151,7 +152,7 @@ class UncertainHover:
             )
         if scenario.laboratory.estimator.integrates_sensors:
             raise InputError(
-                f"{scenario.name} has a state estimator, with which hover cannot be certified, since estimators reject"
+                f"cannot certify hover in {scenario.name}: it has a state estimator, and state estimators reject"
                 " large deviations; set laboratory.estimator to {kind: motion_capture}"
             )
         hovering = symmetric_hover(at_rest(median_scenario(scenario)))
@@ -171,7 +172,7 @@ class UncertainHover:
         acts = changes.any(axis=(0, 1))  # (k, n, n)
         self._leave_out(~acts.any(axis=(1, 2)))
         acts = acts[acts.any(axis=(1, 2))]
-        # Eigenvalues of a loop are those of its strongly coupled groups of states.
+        # The eigenvalues of a loop are those of its strongly connected components.
         couples = (np.abs(loops) > _MIN_COUPLING * sizes).any(axis=(0, 1, 2))
         count, groups = scipy.sparse.csgraph.connected_components(couples, connection="strong")
         members = [np.flatnonzero(groups == group) for group in range(count)]
@@ -184,26 +185,27 @@ class UncertainHover:
         return self._fleet.period
 
     @property
-    def reach(self) -> float:
+    def smallest_failing_scale(self) -> float:
         """Smallest scale so far at which a loop is unstable or has no equilibrium."""
-        return min(self.unstable.scale, self.lost.scale)
+        return min(self.unstable.scale, self.without_equilibrium.scale)
 
     def parts(self) -> list[Part]:
-        """Return the parts that depend on a parameter with a range, for each combination of discrete values."""
+        """Return, for each combination of discrete values, the parts that depend on a parameter with a range."""
         count = range(len(self.combinations))
         return [Part(states, ranges, i) for i in count for states, ranges in self._groups if len(ranges)]
 
     def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
         """Return the spectral radii (K,) of the loops at scaled parameters (K, k); NaN without an equilibrium.
 
-        Moments of inertia that no rigid body can have are moved to the nearest possible ones within their ranges. The
-        unstable loop with the smallest scale is stored, and so is the loop without an equilibrium.
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones within their ranges. An
+        unstable loop with a smaller scale than all before is stored in `unstable`, and a loop without an equilibrium in
+        `without_equilibrium`.
         """
         values = self._with_rigid_bodies(z)
         loops = self._loops(values, combinations, step)
         radii = np.max([spectral_radii(loops[:, states][:, :, states]) for states, _ in self._groups], axis=0)
         scales = np.abs(z).max(axis=1)
-        for name, mask in (("unstable", is_unstable(radii)), ("lost", np.isnan(radii))):
+        for name, mask in (("unstable", is_unstable(radii)), ("without_equilibrium", np.isnan(radii))):
             if mask.any() and (smallest := scales[mask].min()) < getattr(self, name).scale:
                 row = int(np.flatnonzero(mask & (scales == smallest))[0])
                 setattr(self, name, self.combined(z[row], combinations[row]))
@@ -239,13 +241,13 @@ class UncertainHover:
         chosen = np.array([values[each.path] for each in self.choices])
         return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
-    def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return each row of an array (K, k) with each combination of discrete values: the rows, and the indices."""
+    def with_all_combinations(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Combine each row of an array (K, k) with each combination of discrete values; return rows and indices."""
         count = len(self.combinations)
         return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
 
-    def straighten(self, size: float) -> None:
-        """Select, for each parameter, the exponent that makes the loops most nearly linear in a power of the parameter.
+    def choose_exponents(self, size: float) -> None:
+        """Choose, for each parameter, the power of the parameter in which the loops are most nearly linear.
 
         The loops are compared up to the scale `size`. `loops_in` and `shrunk` then interpolate linearly between the
         powers at the ends of a cell.
@@ -254,7 +256,7 @@ class UncertainHover:
         z = np.zeros((k, len(steps), k))
         z[range(k), :, range(k)] = size * steps
         values = self._values(z.reshape(-1, k))
-        loops = self._loops(*self.everywhere(values), "model")
+        loops = self._loops(*self.with_all_combinations(values), "model")
         loops = loops.reshape(k, len(steps), len(self.combinations), *loops.shape[1:])
         row_sizes = np.abs(loops[0, 0]).max(axis=-1, keepdims=True)
         flat = (loops / np.where(row_sizes > 0.0, row_sizes, 1.0)).reshape(k, len(steps), -1)
@@ -274,7 +276,8 @@ class UncertainHover:
 
         Args:
             cells: for each cell, a part, and the lower and upper ends (k,) of the scaled parameters that affect it.
-            points: for each cell, points (K, k) with coordinates from -1 to 1, which are the ends of the cell.
+            points: for each cell, points (K, k). A coordinate is -1 at the lower end and 1 at the upper end of the
+                cell.
         """
         z = [np.zeros((len(each), len(self.ranges))) for each in points]
         combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
@@ -294,7 +297,7 @@ class UncertainHover:
         radii = np.concatenate([spectral_radii(each) for each in parts])
         failing = np.flatnonzero(~(radii < 1.0 + MIN_DECAY))
         everything = np.concatenate(z)
-        failing = failing[np.abs(everything[failing]).max(axis=1) < self.reach]
+        failing = failing[np.abs(everything[failing]).max(axis=1) < self.smallest_failing_scale]
         if len(failing):
             self.radii(everything[failing], combinations[failing], "bound")
         return parts
@@ -373,7 +376,7 @@ class UncertainHover:
 
     def _check_centre(self, name: str) -> None:
         """Raise InputError if a loop at the centre of the ranges cannot be certified."""
-        loops = self._loops(*self.everywhere(self._values(np.zeros((1, len(self.ranges))))), "centre")
+        loops = self._loops(*self.with_all_combinations(self._values(np.zeros((1, len(self.ranges))))), "centre")
         if np.isnan(loops).any():
             raise InputError(f"the loop of {name} has no equilibrium near hover at the centre of the ranges")
         if (np.abs(spectral_radii(loops) - 1.0) <= MIN_DECAY).any():
@@ -394,7 +397,7 @@ class UncertainHover:
         z = np.repeat(old[:, np.newaxis], 1 + k, axis=1)
         z[:, range(1, 1 + k), range(k)] = new
         z = np.vstack([np.zeros((1, k)), z.reshape(-1, k)])
-        loops = self._loops(*self.everywhere(self._values(z)), "effects")
+        loops = self._loops(*self.with_all_combinations(self._values(z)), "effects")
         loops = loops.reshape(len(z), count, *loops.shape[1:])
         finite = np.isfinite(loops[1:]).all(axis=(2, 3), keepdims=True)
         loops = np.where(finite, loops[1:], loops[0])
@@ -441,7 +444,7 @@ def parameters_in_hover(scenario: Scenario) -> tuple[tuple[Range, ...], tuple[Ch
 
 
 def _hover_fields(scenario: Scenario, path: str, value: float) -> dict[str, object]:
-    """Return all fields of a scenario in hover, by path, after one field of the scenario was set to a value."""
+    """Set a field of a scenario to a value, and return all fields of the resulting scenario in hover, by path."""
     changed = map_leaves(scenario, lambda each, old: value if each == path else old)
     return dict(leaves(symmetric_hover(at_rest(changed))))
 

@@ -6,30 +6,30 @@ IEEE Transactions on Automatic Control 53, 2008, section IV):
 
     ω̂ = ω - b + e / T_t,    b' = - e / (T_t T_b),    e = (a / |a|) × (R^T e_z)
 
-with the reading ω of the gyroscope and the reading a of the accelerometer. The filter takes the direction of a for the
-vertical. The specific force of a quadrotor is thrust and drag, so this is true on average only.
+with the reading ω of the gyroscope and the reading a of the accelerometer. The filter assumes that a points upwards.
+This is true only on average, because the accelerometer of a quadrotor measures the thrust and the drag.
 
-A reading of another sensor changes the measured quantity, and nothing else, by a fixed fraction of the innovation: 1 -
-exp(-h / T) for a velocity or a rotation, where h is the period of the readings. Position and velocity are corrected by
-a position as in a critically damped g-h filter, with g = 1 - θ², h = (1 - θ)² and θ = exp(-h / T). Latencies and the
-places of sensors are not taken into account.
+A reading of another sensor corrects the measured quantity by a fixed fraction of the innovation. For a velocity or a
+rotation, the fraction is 1 - θ with θ = exp(-Δt / T), the period Δt of the readings and the time constant T. A position
+also corrects the velocity, as in a critically damped g-h filter with g = 1 - θ² and h = (1 - θ)². The filter ignores
+the latencies of sensors and their positions on the vehicle.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.estimation.corrections import AidingLaw, levelled
+from drake_quad.estimation.corrections import AidingLaw, attitude_from_accelerometer
 from drake_quad.estimation.covariance import ScalarMeasurement, shortest_change
 from drake_quad.estimation.error_state_filter import Aiding, check_aiding, if_needed, next_wait
 from drake_quad.estimation.estimate import (
     NO_INCREMENT,
     ErrorState,
     Estimate,
-    extended,
-    predicted,
+    add_error,
+    extend_increment,
+    predict,
     state_of,
-    with_error,
 )
 from drake_quad.framework.elementary import exp
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -46,11 +46,11 @@ class TimeConstants(NamedTuple):
     """Time constants with which the estimate follows the readings.
 
     Attributes:
-        tilt: time constant T_t of roll and pitch, which follow the accelerometer.
-        bias: time constant T_b of the bias of the gyroscope, which follows the error of the tilt.
-        rotation: time constant of an attitude, a yaw or a heading.
-        velocity: time constant of a velocity.
-        position: time constant of a position, and of the velocity that follows it.
+        tilt: time constant T_t with which roll and pitch follow the accelerometer.
+        bias: time constant T_b with which the estimated bias of the gyroscope follows the error of the tilt.
+        rotation: time constant of corrections by a measured attitude, yaw or heading.
+        velocity: time constant of corrections by a measured velocity.
+        position: time constant of corrections by a measured position, which change position and velocity.
     """
 
     tilt: _Time
@@ -83,21 +83,22 @@ class ComplementaryCounters(NamedTuple):
 
     Attributes:
         waits_for_start: 1 before the first sample, then 0.
-        samples_to_reading: samples until the next reading of each aiding sensor.
+        samples_to_reading: for each aiding sensor, the number of samples until its next reading.
     """
 
     waits_for_start: Number
     samples_to_reading: tuple[Number, ...]
 
 
-def corrected_by(
+def correct_estimate(
     estimate: Estimate, measurements: Sequence[ScalarMeasurement], times_of_filter: TimeConstants, period: float
 ) -> Estimate:
-    """Return an estimate that is moved towards scalar measurements.
+    """Return an estimate after corrections by scalar measurements.
 
     Args:
         estimate: estimate at the time of the measurements.
-        measurements: scalar measurements; a measurement changes its field `reset`.
+        measurements: scalar measurements. Each corrects the part of the estimate that its field `reset` names. A
+            measurement that corrects the position also corrects the velocity.
         times_of_filter: time constants.
         period: time between the measurements, s.
     """
@@ -114,12 +115,12 @@ def corrected_by(
             )
         else:
             error = error._replace(**{changed: plus(getattr(error, changed), times(1.0 - decay, change))})
-    return with_error(estimate, error)
+    return add_error(estimate, error)
 
 
 @dataclass(frozen=True)
 class _Correction:
-    """Formula of the correction by a reading.
+    """Function that corrects an estimate by a reading.
 
     Attributes:
         law: measurement equation.
@@ -133,12 +134,12 @@ class _Correction:
         self, estimate: Estimate, reading: Any, aiding: Any, times_of_filter: TimeConstants, gyroscope: BodyRates
     ) -> Estimate:
         measurements = self.law.formula(estimate, reading, aiding, gyroscope)
-        return corrected_by(estimate, measurements, times_of_filter, self.period)
+        return correct_estimate(estimate, measurements, times_of_filter, self.period)
 
 
 @dataclass(frozen=True)
 class _Step:
-    """Formula of the state of a complementary filter after a sample of the inertial measurement unit.
+    """Function that updates the state of a complementary filter with a sample of the inertial measurement unit.
 
     Attributes:
         aiding: aiding sensors.
@@ -159,23 +160,25 @@ class _Step:
     ) -> tuple[Estimate, ComplementaryCounters]:
         if parameters.start is None:
             starts = counters.waits_for_start > 0.5
-            attitude = if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
+            attitude = if_needed(
+                starts, attitude_from_accelerometer, (accelerometer, parameters.initial_yaw), estimate.attitude
+            )
             estimate = estimate._replace(attitude=attitude)
         waits = counters.samples_to_reading
         for each, aiding, reading, valid, wait in zip(
             self.aiding, parameters.aiding, readings[0::2], readings[1::2], waits, strict=True
         ):
             is_new = wait < 0.5 if valid is None else (wait < 0.5) & (valid.valid > 0.5)
-            correction = _Correction(each.law, each.samples * self.period)
+            correction = _Correction(each.law, each.period_samples * self.period)
             estimate = if_needed(is_new, correction, (estimate, reading, aiding, parameters.times, gyroscope), estimate)
         axes = estimate.attitude.axes()
         up, vertical = times(1.0 / length(accelerometer), accelerometer), Vector(axes.x.z, axes.y.z, axes.z.z)
         tilt = times(1.0 / parameters.times.tilt, cross(up, vertical))
         increment = NO_INCREMENT._replace(gyroscope_bias=minus(estimate.gyroscope_bias, tilt))
-        increment = extended(increment, gyroscope, accelerometer, self.period)
+        increment = extend_increment(increment, gyroscope, accelerometer, self.period)
         bias = minus(estimate.gyroscope_bias, times(self.period / parameters.times.bias, tilt))
-        estimate = predicted(estimate, increment, parameters.gravity)._replace(gyroscope_bias=bias)
-        following = tuple(map(next_wait, waits, [each.samples for each in self.aiding]))
+        estimate = predict(estimate, increment, parameters.gravity)._replace(gyroscope_bias=bias)
+        following = tuple(map(next_wait, waits, [each.period_samples for each in self.aiding]))
         return estimate, ComplementaryCounters(0.0, following)
 
 
@@ -194,7 +197,7 @@ class ComplementaryFilter(FleetSystem):
         output_ports:
         - measurement
 
-    The filter reads its ports at the same times as an `ErrorStateKalmanFilter`, and starts in the same way. The block
+    The filter reads its ports at the same times as an `ErrorStateKalmanFilter`, and starts in the same way. The diagram
     shows the ports of a filter with the aiding sensor `position`, whose readings can be missing.
 
     Args:

@@ -1,11 +1,12 @@
-"""Corrections of an error-state Kalman filter: readings of sensors as scalar measurements.
+"""Measurement equations of an error-state Kalman filter, which convert readings of sensors to scalar measurements.
 
-Each formula of this module compares a reading with an estimate. It returns the innovations with their derivatives with
-respect to the errors of the estimate. A rotation by the error δθ changes a vector a of the body by δθ × a, so a
-quantity with the gradient g with respect to a has the derivative a × g with respect to δθ.
+Each measurement equation compares a reading with an estimate. It returns the innovations, and the derivatives of the
+predicted values with respect to the errors of the estimate. A rotation by the error δθ changes a vector a, which is
+fixed to the body, by δθ × a. A quantity with the gradient g with respect to a therefore has the derivative a × g with
+respect to δθ.
 
-The formulas hold for a sensor at the inertial measurement unit, whose position is that of the estimate.
-`measurements_at` extends them to other places on the vehicle.
+The equations apply to a sensor at the position of the inertial measurement unit, which is the estimated position.
+`measurements_at` extends them to other positions on the vehicle.
 """
 
 from collections.abc import Callable
@@ -21,18 +22,18 @@ from drake_quad.signals import Angle, Attitude, BodyRates, PositionW, Quantity, 
 _Length = Annotated[Row, Quantity("m", sign="positive")]
 _Speed = Annotated[Row, Quantity("m/s", sign="positive")]
 _AngleDeviation = Annotated[Row, Quantity("rad", sign="positive")]
-# Smallest cosine of the tilt, and smallest distance to the ground (m), in divisions.
+# Smaller divisors are replaced by these values: the cosine of the tilt, and the distance to the ground (m).
 _MIN_COSINE = 0.1
 _MIN_DISTANCE = 0.02
 
 _NONE: Any = None
 _NO_ERRORS = ErrorState(_NONE, _NONE, _NONE, _NONE, _NONE)
-# Derivatives of the components of a vector.
+# Derivatives of each component of a vector with respect to the vector; None stands for zero.
 _UNIT_VECTORS = Vector(1.0, _NONE, _NONE), Vector(_NONE, 1.0, _NONE), Vector(_NONE, _NONE, 1.0)
 
 
 class PositionAiding(NamedTuple):
-    """Standard deviations of a measured position on X, Y and Z of W."""
+    """Standard deviations of a measured position along X, Y and Z of W."""
 
     x: _Length
     y: _Length
@@ -40,7 +41,7 @@ class PositionAiding(NamedTuple):
 
 
 class VelocityAiding(NamedTuple):
-    """Standard deviations of a measured velocity on X, Y and Z of W."""
+    """Standard deviations of a measured velocity along X, Y and Z of W."""
 
     x: _Speed
     y: _Speed
@@ -80,11 +81,11 @@ class PoseAiding(NamedTuple):
 
 
 class MagneticAiding(NamedTuple):
-    """Use of a magnetometer.
+    """Parameters of the measurement equation of a magnetometer.
 
     Attributes:
         heading: standard deviation of the measured direction of the horizontal field.
-        field: field of the earth in W, in any unit.
+        field: magnetic field of the earth in W, in any unit.
     """
 
     heading: _AngleDeviation
@@ -92,7 +93,7 @@ class MagneticAiding(NamedTuple):
 
 
 class GroundAiding(NamedTuple):
-    """Use of a range finder that points along -z of the body.
+    """Parameters of the measurement equation of a range finder that points along -z of the body.
 
     Attributes:
         distance: standard deviation of the measured distance.
@@ -104,7 +105,7 @@ class GroundAiding(NamedTuple):
 
 
 class AnchorAiding(NamedTuple):
-    """Use of the distance to an anchor.
+    """Parameters of the measurement equation of the distance to an anchor.
 
     Attributes:
         distance: standard deviation of the measured distance.
@@ -116,7 +117,7 @@ class AnchorAiding(NamedTuple):
 
 
 class FlowAiding(NamedTuple):
-    """Use of an optical flow sensor that looks along -z of the body.
+    """Parameters of the measurement equation of an optical flow sensor that looks along -z of the body.
 
     Attributes:
         flow: standard deviation of the measured flow on each axis.
@@ -128,14 +129,14 @@ class FlowAiding(NamedTuple):
 
 
 class PositionAndVelocity(NamedTuple):
-    """Measured position and velocity in W, in the order of a reading of satellite navigation."""
+    """Measured position and velocity in W, in the same order as in a reading of satellite navigation."""
 
     position: Vector
     velocity: Vector
 
 
 class SingleReading(NamedTuple):
-    """Reading of a single row."""
+    """Reading that is a single number."""
 
     value: Row
 
@@ -167,14 +168,14 @@ class AidingLaw(NamedTuple):
 def measurements_at(
     lever: Vector | None, law: AidingLaw, estimate: Estimate, reading: Any, aiding: Any, gyroscope: BodyRates
 ) -> tuple[ScalarMeasurement, ...]:
-    """Return the scalar measurements of a sensor at a place on the vehicle.
+    """Return the scalar measurements of a sensor at any position on the vehicle.
 
-    Position and velocity of the sensor are p + a and v + b with a = R l and b = R (ω × l). The errors change them by
-    δθ × a and by δθ × b - R (δb_g × l).
+    The position and velocity of the sensor are p + a and v + b with a = R l and b = R (ω × l). The errors of the
+    estimate change a by δθ × a, and b by δθ × b - R (δb_g × l).
 
     Args:
         lever: position l of the sensor relative to the inertial measurement unit, along the axes of B, m; None if both
-            are at the same place.
+            are at the same position.
         law: measurement equation.
         estimate: estimate of the inertial measurement unit.
         reading: reading of the sensor.
@@ -288,10 +289,15 @@ def pose_measurements(
 def magnetic_measurements(
     estimate: Estimate, reading: Vector, aiding: MagneticAiding, _: BodyRates
 ) -> tuple[ScalarMeasurement, ...]:
-    """Return the measurement of the direction of the horizontal magnetic field; the reading is along the axes of B.
+    """Return the measurement of the direction of the horizontal magnetic field.
 
-    The derivatives are those of the field of the earth. The derivatives of the measured field would contain the same
-    noise as the innovation, and this correlation would tilt the estimate.
+    The derivatives are computed from the known field of the earth and not from the reading. Otherwise, they would
+    contain the same noise as the innovation, and this correlation would tilt the estimate.
+
+    Args:
+        estimate: estimate at the time of the reading.
+        reading: reading of the magnetometer, along the axes of B.
+        aiding: parameters of the measurement equation.
     """
     measured, field = estimate.attitude.axes().in_world(reading), aiding.field
     innovation = wrap_angle(arctan2(field.y, field.x) - arctan2(measured.y, measured.x))
@@ -324,7 +330,8 @@ def flow_measurements(
     """Return the measurements of the optical flow of a horizontal ground.
 
     The flow is v_x / d - q along x and v_y / d + p along y, with the velocity v along the axes of B, the distance d to
-    the ground, and the body rates p and q. The noise of the gyroscope is neglected beside the noise of the flow.
+    the ground, and the body rates p and q. The noise of the gyroscope is neglected, because it is small compared with
+    the noise of the flow.
     """
     axes = estimate.attitude.axes()
     distance, by_height, by_rotation = _distance_to_ground(estimate, aiding.ground)
@@ -361,7 +368,7 @@ AIDING_LAWS = {
     "velocity": AidingLaw(Vector, VelocityAiding, velocity_measurements, 3),
     "yaw": AidingLaw(SingleReading, YawAiding, yaw_measurements, 1),
 }
-"""Measurement equations by the type of the reading."""
+"""Measurement equations, keyed by the type of the reading."""
 
 
 def _heading_derivatives(vector: Vector) -> Vector:
@@ -380,7 +387,7 @@ def _distance_to_ground(estimate: Estimate, ground: PositionW) -> tuple[Row, Row
     return distance, by_height, Vector(slope * up.y, -slope * up.x, 0.0)
 
 
-def levelled(accelerometer: Vector, yaw: Angle) -> Quaternion:
+def attitude_from_accelerometer(accelerometer: Vector, yaw: Angle) -> Quaternion:
     """Return the attitude of a vehicle at rest with a given yaw, from a reading of its accelerometer."""
     x, y, z = accelerometer
     roll = arctan2(y, z)

@@ -9,17 +9,18 @@ Over a time Δt, the errors (`drake_quad.estimation.estimate`) change according 
 
 where Δv is the integral of the specific force in W, and S is the integral of R_WB. The noise of both sensors is equal
 on all axes, so it remains a multiple of the identity matrix after a rotation. The transition matrix F = 1 + N contains
-only 27 elements other than zeros and ones. F P Fᵀ is computed block by block with 420 products, instead of the 6750 of
-two products of dense matrices. The rows are changed in the order p, v, θ, since each of them depends only on rows that
-are changed later.
+only 27 elements other than zeros and ones. F P Fᵀ is computed block by block with 420 multiplications, whereas two
+products of dense matrices would need 6750. The rows are updated in the order p, v, θ, since each of them depends only
+on rows that are updated later.
 
 A scalar measurement y = h(x) + n with the derivatives H and the variance r subtracts a matrix of rank 1:
 
     c = P Hᵀ,   s = H c + r,   P⁺ = P - c cᵀ / s
 
-P⁺ is symmetric, since only its upper triangle is stored. Joseph's form needs three times as many products. It is only
-needed where H P Hᵀ / r approaches the inverse of the rounding error, 10¹⁶: a variance H P Hᵀ becomes r / s times as
-large, which is a difference of two nearly equal numbers. The filter limits this ratio by its initial deviations.
+P⁺ is symmetric, since only its upper triangle is stored. Joseph's form is more accurate but needs three times as many
+multiplications. The correction multiplies the variance H P Hᵀ by r / s, which is computed as a difference of two nearly
+equal numbers if H P Hᵀ / r is large. Joseph's form is needed only if this ratio approaches the inverse of the rounding
+error, 10¹⁶. The standard deviations of the initial estimate limit the ratio to much smaller values.
 """
 
 from collections.abc import Iterable, Sequence
@@ -104,7 +105,7 @@ class ScalarMeasurement(NamedTuple):
         innovation: measured minus predicted value.
         derivatives: derivatives of the predicted value with respect to the errors; None for a derivative that is zero.
         deviation: standard deviation of the measurement noise.
-        reset: field of `ErrorState` that a measurement changes which is used although its innovation is too large.
+        reset: field of `ErrorState` that the measurement resets if its innovation is beyond the limit of the gate.
     """
 
     innovation: Row
@@ -113,10 +114,8 @@ class ScalarMeasurement(NamedTuple):
     reset: str = "position"
 
 
-def propagated(
-    covariance: Covariance, increment: InertialIncrement, axes: BodyAxes, noise: InertialNoise
-) -> Covariance:
-    """Return the covariance after an increment, at whose beginning the body has given axes in W."""
+def propagate(covariance: Covariance, increment: InertialIncrement, axes: BodyAxes, noise: InertialNoise) -> Covariance:
+    """Return the covariance at the end of an increment, given the axes of the body in W at its beginning."""
     matrix = covariance.matrix()
     time, (x, y, z) = increment.duration, axes.in_world(increment.velocity)
     rotations = [axes.in_world(column) for column in increment.rotations]
@@ -140,7 +139,7 @@ def propagated(
 
 
 class Gate(NamedTuple):
-    """Decision about measurements that do not agree with the estimate.
+    """Treatment of measurements that do not agree with the estimate.
 
     Attributes:
         squared_limit: limit of the squared normalised innovation ν² / s.
@@ -160,15 +159,16 @@ def corrected_error(
 
     The noises of the measurements are independent. The measurements are linearised at the same estimate.
 
-    A measurement that resets the estimate increases the variance of the measured quantity by ν² beforehand, by an
-    error of the field `reset` that is independent of all other errors. Otherwise a jump of the position would tip the
-    attitude over. If this field is the position, the variance of the velocity is increased as well, by (ν / τ)², since
-    an error of the velocity over the time τ of the gate would explain the innovation.
+    Before a measurement with the innovation ν resets the estimate, the variance of the measured quantity is increased
+    by ν². The added error belongs to the field `reset` and is independent of all other errors. Without it, a jump of
+    the measured position would also change the estimated attitude strongly. If `reset` is the position, the variance
+    of the velocity is increased by (ν / τ)², where τ is the time of the gate, since an error of the velocity during τ
+    can explain the innovation.
 
     Args:
         covariance: covariance before the first measurement.
         measurements: scalar measurements.
-        gate: decision about measurements that do not agree with the estimate.
+        gate: treatment of measurements that do not agree with the estimate.
     """
     matrix = covariance.matrix()
     error = [0.0] * _NUM_ERRORS
@@ -204,7 +204,13 @@ def corrected_error(
 
 
 def _add_variance(matrix: list[list[Row]], direction: Sequence[tuple[int, Row]], variance: Row) -> None:
-    """Add an independent error along a direction, given by indices and components, to a covariance."""
+    """Add the variance of an independent error to a covariance.
+
+    Args:
+        matrix: covariance, which is changed.
+        direction: direction of the error, as pairs of an index and a component.
+        variance: variance of the error.
+    """
     for i, weight in direction:
         for j, other in direction:
             if j >= i:
@@ -214,7 +220,7 @@ def _add_variance(matrix: list[list[Row]], direction: Sequence[tuple[int, Row]],
 def shortest_change(derivatives: Vector) -> Vector:
     """Return the shortest change of a vector that changes a predicted value by 1, given the derivatives of the value.
 
-    Components that are None stand for zeros.
+    None stands for zero, both in the derivatives and in the result.
     """
     nonzero = [each for each in derivatives if each is not None]
     if len(nonzero) == 1:
@@ -224,12 +230,12 @@ def shortest_change(derivatives: Vector) -> Vector:
 
 
 def _flat(derivatives: Any) -> list[Any]:
-    """Return 15 derivatives; None for a derivative that is zero."""
+    """Return the 15 derivatives of an `ErrorState` as a list; None for a derivative that is zero."""
     return [each for block in derivatives for each in (block or (None, None, None))]
 
 
 def _product(factor: Any, row: Row) -> Row:
-    """Return a product; no operation is needed for the constant 1."""
+    """Return the product of a factor and a row, without a multiplication if the factor is the constant 1."""
     return row if factor.__class__ is float and factor == 1.0 else factor * row
 
 
@@ -251,7 +257,8 @@ def _add_rows(matrix: list[list[Row]], targets: range, sources: range, factors: 
         if k not in targets:
             for i, terms in targets_and_terms:
                 matrix[i][k] = matrix[k][i] = matrix[i][k] + total([a * matrix[j][k] for j, a in terms])
-    # With Y = C + A B for the changed covariance of targets and sources, the block of the targets is D + A Cᵀ + Y Aᵀ.
+    # Let B, C and D be the blocks (sources, sources), (targets, sources) and (targets, targets) before the change, and
+    # A the factors. The block (targets, sources) is now Y = C + A B, and D becomes D + A Cᵀ + Y Aᵀ.
     for i, terms in targets_and_terms:
         for k, other_terms in targets_and_terms:
             if k >= i:

@@ -1,14 +1,14 @@
 """Error-state Kalman filter on board: inertial navigation, corrected by readings of other sensors.
 
-The filter works at a horizon, a constant time before the present. The horizon is the longest latency of its aiding
-sensors, so a reading has always arrived when the horizon reaches the time at which it was taken. Samples of the
-inertial measurement unit are summed over blocks of several samples. Blocks between the horizon and the present are
-stored. The estimate at the present is the estimate at the horizon, predicted over these blocks and over the samples of
-the current block:
+The filter corrects its estimate at a horizon, which lies before the present by the longest latency of its aiding
+sensors. When the horizon reaches the time at which a reading was taken, this reading has therefore always arrived.
+Samples of the inertial measurement unit are integrated in blocks of several samples. Blocks between the horizon and the
+present are stored. The filter predicts the estimate at the present from the estimate at the horizon, over these blocks
+and over the samples of the current block:
 
     time        horizon                                    present
                    ├──── block ────┼──── block ────┼── samples ──┤
-    estimate    filter                              ahead        output
+    estimate    filter                              block start  output
 
 PX4 uses the same structure, with a slower predictor between the horizon and the present (A. Khosravian et al.,
 "Recursive attitude estimation in the presence of multi-rate and multi-delay vector measurements", ACC 2015).
@@ -18,17 +18,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, levelled, measurements_at
-from drake_quad.estimation.covariance import Covariance, Gate, InertialNoise, corrected_error, propagated
+from drake_quad.estimation.corrections import AIDING_LAWS, AidingLaw, attitude_from_accelerometer, measurements_at
+from drake_quad.estimation.covariance import Covariance, Gate, InertialNoise, corrected_error, propagate
 from drake_quad.estimation.estimate import (
     NO_INCREMENT,
     Estimate,
     InertialIncrement,
-    extended,
-    predicted,
+    add_error,
+    correct_increment_biases,
+    extend_increment,
+    predict,
     state_of,
-    with_biases_of,
-    with_error,
 )
 from drake_quad.framework.elementary import identity, lazy_where, maximum, minimum, total, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -43,15 +43,15 @@ class Aiding(NamedTuple):
 
     Attributes:
         name: name of the input port with the readings.
-        kind: type of the readings, a name in `AIDING_LAWS`.
-        samples: period of the readings, a whole number of samples of the inertial measurement unit.
+        kind: type of the readings, a key of `AIDING_LAWS`.
+        period_samples: period of the readings, in samples of the inertial measurement unit.
         can_miss: True if readings can be missing; the filter then has an input port for the validity of the readings.
-        latency: time from a reading to its arrival, a whole number of its periods.
+        latency: time from the measurement to the arrival of a reading, in periods of the readings.
     """
 
     name: str
     kind: str
-    samples: int = 1
+    period_samples: int = 1
     can_miss: bool = False
     latency: int = 0
 
@@ -66,12 +66,12 @@ class AidingParameters(NamedTuple):
 
     Attributes:
         sensor: parameters of the measurement equation, such as a `PositionAiding`.
-        innovation_limit: largest squared normalised innovation of a scalar measurement that is used.
-        max_rejections: number of successive readings with a rejected measurement, after which readings reset the
-            measured quantity until they obey the limit again. Without this number, a filter with a wrong estimate and
-            a small covariance would reject all readings.
+        innovation_limit: limit of the squared normalised innovation, beyond which a scalar measurement is rejected.
+        max_rejections: number of successive readings with a rejected measurement after which the filter no longer
+            rejects measurements, but lets them reset the measured quantity, until a reading satisfies the limit again.
+            Without resets, a filter with a wrong estimate and a small covariance would reject all readings.
         lever: position of the sensor relative to the inertial measurement unit, along the axes of B, m; None if both
-            are at the same place.
+            are at the same position.
     """
 
     sensor: Any
@@ -86,7 +86,7 @@ class FilterParameters(NamedTuple):
     Attributes:
         noise: noise of the inertial measurement unit.
         initial: standard deviations of the errors of the initial estimate.
-        aiding: parameters of the aiding sensors, in the order of the structure.
+        aiding: parameters of the aiding sensors, in the same order as in the `FilterStructure`.
         start: initial estimate; None for a vehicle that is at rest at the origin with an unknown tilt.
         initial_yaw: yaw of the initial estimate if `start` is None.
         gravity: gravitational acceleration.
@@ -104,15 +104,15 @@ class FilterParameters(NamedTuple):
 
 
 class Counters(NamedTuple):
-    """Counters of a filter, in samples of the inertial measurement unit except for the rejections.
+    """Counters of a filter. A sample is a sample of the inertial measurement unit.
 
     Attributes:
         waits_for_start: 1 before the first sample, then 0.
-        samples_to_block: samples until the next block begins.
-        samples_to_arrival: samples until the next reading of each aiding sensor arrives.
-        samples_to_reading: samples until the horizon reaches the next reading of each aiding sensor.
-        rejections: number of successive readings of each aiding sensor with a rejected measurement, at most
-            `max_rejections`; this is also the value before the first reading.
+        samples_to_block: number of samples until the next block begins.
+        samples_to_arrival: for each aiding sensor, the number of samples until its next reading arrives.
+        samples_to_reading: for each aiding sensor, the number of samples until the horizon reaches its next reading.
+        rejections: for each aiding sensor, the number of successive readings with a rejected measurement, at most
+            `max_rejections`. It is `max_rejections` before the first reading.
     """
 
     waits_for_start: Number
@@ -123,23 +123,28 @@ class Counters(NamedTuple):
 
 
 class StoredReading(NamedTuple):
-    """Reading of an aiding sensor that waits for the horizon; the validity is None if no reading can be missing."""
+    """Reading of an aiding sensor that is stored until the horizon reaches it.
+
+    Attributes:
+        reading: reading of the sensor.
+        validity: whether the reading is valid; None for a sensor whose readings cannot be missing.
+    """
 
     reading: Any
     validity: Valid | None
 
 
-class Memory(NamedTuple):
+class ErrorStateFilterState(NamedTuple):
     """State of a filter.
 
     Attributes:
         estimate: estimate at the horizon, at the beginning of the oldest block.
-        covariance: covariance of its errors.
-        increment: samples of the current block.
-        blocks: complete blocks between the horizon and the current block, the latest first; an empty tuple if the
-            filter has no latency.
-        ahead: estimate at the beginning of the current block; None if the filter has no latency.
-        stored: latest readings of each aiding sensor that wait for the horizon, the latest first.
+        covariance: covariance of the errors of this estimate.
+        increment: motion over the samples of the current block.
+        blocks: motion over each complete block between the horizon and the current block, the latest first; an empty
+            tuple if no aiding sensor has a latency.
+        estimate_at_block: estimate at the beginning of the current block; None if no aiding sensor has a latency.
+        stored_readings: for each aiding sensor, the readings that the horizon has not reached yet, the latest first.
         counters: counters.
         innovation: latest normalised innovations of each scalar measurement.
     """
@@ -148,14 +153,14 @@ class Memory(NamedTuple):
     covariance: Covariance
     increment: InertialIncrement
     blocks: tuple[InertialIncrement, ...]
-    ahead: Estimate | None
-    stored: tuple[tuple[StoredReading, ...], ...]
+    estimate_at_block: Estimate | None
+    stored_readings: tuple[tuple[StoredReading, ...], ...]
     counters: Counters
     innovation: tuple[Number, ...]
 
 
-# Fields of `Memory` that small errors of the estimate change in second order, or that no output depends on.
-_SCHEDULED = "covariance", "counters", "innovation"
+# Fields of `ErrorStateFilterState` that linear models leave out; see `StateGroup.is_scheduled`.
+_SCHEDULED_FIELDS = ("covariance", "counters", "innovation")
 
 
 class FilterStructure(NamedTuple):
@@ -174,7 +179,7 @@ class FilterStructure(NamedTuple):
     @property
     def horizon(self) -> int:
         """Time from the horizon to the beginning of the current block, in samples."""
-        return max((each.latency * each.samples for each in self.aiding), default=0)
+        return max((each.latency * each.period_samples for each in self.aiding), default=0)
 
     @property
     def num_blocks(self) -> int:
@@ -182,8 +187,8 @@ class FilterStructure(NamedTuple):
         return self.horizon // self.block_samples
 
     def num_stored(self, aiding: Aiding) -> int:
-        """Return the number of readings of a sensor that wait for the horizon; 0 if each is used when it arrives."""
-        waiting = (self.horizon - aiding.latency * aiding.samples) // aiding.samples
+        """Return the number of readings of a sensor that are stored; 0 if each reading is used when it arrives."""
+        waiting = (self.horizon - aiding.latency * aiding.period_samples) // aiding.period_samples
         return waiting + 1 if waiting else 0
 
     @property
@@ -192,16 +197,16 @@ class FilterStructure(NamedTuple):
         return sum(each.law.num_scalars for each in self.aiding)
 
 
-def initial_memory(structure: FilterStructure, parameters: FilterParameters) -> Memory:
+def initial_memory(structure: FilterStructure, parameters: FilterParameters) -> ErrorStateFilterState:
     """Return the state of a filter before its first sample."""
     zero, start = Vector(0.0, 0.0, 0.0), parameters.start
     if start is None:
         start = Estimate(zero, zero, NO_ROTATION, zero, zero)
     increment = NO_INCREMENT._replace(gyroscope_bias=start.gyroscope_bias, accelerometer_bias=start.accelerometer_bias)
-    arrivals = tuple([float(each.latency * each.samples) for each in structure.aiding])
+    arrivals = tuple([float(each.latency * each.period_samples) for each in structure.aiding])
     readings = (float(structure.horizon),) * len(structure.aiding)
     rejections = tuple([each.max_rejections for each in parameters.aiding])
-    return Memory(
+    return ErrorStateFilterState(
         start,
         Covariance.diagonal(parameters.initial),
         increment,
@@ -220,12 +225,12 @@ def _no_reading(aiding: Aiding) -> StoredReading:
 
 def filter_step(
     structure: FilterStructure,
-    memory: Memory,
+    memory: ErrorStateFilterState,
     parameters: FilterParameters,
     gyroscope: BodyRates,
     accelerometer: Vector,
     readings: Sequence[StoredReading],
-) -> Memory:
+) -> ErrorStateFilterState:
     """Return the state of a filter after a sample of the inertial measurement unit.
 
     Args:
@@ -238,43 +243,51 @@ def filter_step(
     """
     waits = memory.counters
     begins = waits.samples_to_block < 0.5
-    memory = memory._replace(stored=_with_arrivals(memory, readings))
+    memory = memory._replace(stored_readings=_with_arrivals(memory, readings))
     if parameters.start is None:
-        memory = _levelled(memory, parameters, accelerometer)
+        memory = _with_initial_tilt(memory, parameters, accelerometer)
     memory = _at_next_horizon(structure, memory, parameters, begins)
     memory = _corrected(structure, memory, parameters, gyroscope, readings)
     memory = _with_new_block(structure, memory, parameters, gyroscope, begins)
-    samples = [each.samples for each in structure.aiding]
+    samples = [each.period_samples for each in structure.aiding]
     counters = memory.counters._replace(
         waits_for_start=0.0,
         samples_to_block=next_wait(waits.samples_to_block, structure.block_samples),
         samples_to_arrival=tuple(map(next_wait, waits.samples_to_arrival, samples)),
         samples_to_reading=tuple(map(next_wait, waits.samples_to_reading, samples)),
     )
-    increment = extended(memory.increment, gyroscope, accelerometer, structure.period)
+    increment = extend_increment(memory.increment, gyroscope, accelerometer, structure.period)
     return memory._replace(increment=increment, counters=counters)
 
 
-def _with_arrivals(memory: Memory, readings: Sequence[StoredReading]) -> tuple[tuple[StoredReading, ...], ...]:
-    """Return the stored readings after the readings that arrive at this sample."""
+def _with_arrivals(
+    memory: ErrorStateFilterState, readings: Sequence[StoredReading]
+) -> tuple[tuple[StoredReading, ...], ...]:
+    """Return the stored readings of each aiding sensor, including the readings that arrive at this sample."""
     waits = memory.counters.samples_to_arrival
     return tuple(
         [
             where(wait < 0.5, (reading, *stored)[:-1], stored) if stored else ()
-            for stored, reading, wait in zip(memory.stored, readings, waits, strict=True)
+            for stored, reading, wait in zip(memory.stored_readings, readings, waits, strict=True)
         ]
     )
 
 
-def _levelled(memory: Memory, parameters: FilterParameters, accelerometer: Vector) -> Memory:
-    """Return the state whose attitude follows from the accelerometer if this is the first sample."""
+def _with_initial_tilt(
+    memory: ErrorStateFilterState, parameters: FilterParameters, accelerometer: Vector
+) -> ErrorStateFilterState:
+    """Return the state in which, at the first sample, the attitude is computed from the accelerometer."""
     estimate, starts = memory.estimate, memory.counters.waits_for_start > 0.5
-    attitude = if_needed(starts, levelled, (accelerometer, parameters.initial_yaw), estimate.attitude)
+    attitude = if_needed(
+        starts, attitude_from_accelerometer, (accelerometer, parameters.initial_yaw), estimate.attitude
+    )
     return memory._replace(estimate=estimate._replace(attitude=attitude))
 
 
-def _at_next_horizon(structure: FilterStructure, memory: Memory, parameters: FilterParameters, begins: Any) -> Memory:
-    """Return the state with a horizon that is one block later, if a block begins at this sample."""
+def _at_next_horizon(
+    structure: FilterStructure, memory: ErrorStateFilterState, parameters: FilterParameters, begins: Any
+) -> ErrorStateFilterState:
+    """Return the state after the horizon has moved to the next block, if a block begins at this sample."""
     blocks = (memory.increment, *memory.blocks)
     arguments = memory.estimate, memory.covariance, blocks[-1], parameters.noise, parameters.gravity
     estimate, covariance = if_needed(begins, _after_block, arguments, (memory.estimate, memory.covariance))
@@ -287,23 +300,23 @@ def _after_block(
     estimate: Estimate, covariance: Covariance, block: InertialIncrement, noise: InertialNoise, gravity: Row
 ) -> tuple[Estimate, Covariance]:
     """Return an estimate and its covariance at the end of a block."""
-    block = with_biases_of(block, estimate)
-    return predicted(estimate, block, gravity), propagated(covariance, block, estimate.attitude.axes(), noise)
+    block = correct_increment_biases(block, estimate)
+    return predict(estimate, block, gravity), propagate(covariance, block, estimate.attitude.axes(), noise)
 
 
 def _corrected(
     structure: FilterStructure,
-    memory: Memory,
+    memory: ErrorStateFilterState,
     parameters: FilterParameters,
     gyroscope: BodyRates,
     readings: Sequence[StoredReading],
-) -> Memory:
-    """Return the state after the corrections by the readings that were taken at the horizon."""
+) -> ErrorStateFilterState:
+    """Return the state after corrections by the readings that were taken at the time of the horizon."""
     estimate, covariance, counters = memory.estimate, memory.covariance, memory.counters
     rates = memory.blocks[-1].first_rates if memory.blocks else gyroscope
     rejections, innovations, first = [], [], 0
     for k, (aiding, aiding_parameters) in enumerate(zip(structure.aiding, parameters.aiding, strict=True)):
-        reading, validity = memory.stored[k][-1] if memory.stored[k] else readings[k]
+        reading, validity = memory.stored_readings[k][-1] if memory.stored_readings[k] else readings[k]
         is_new = counters.samples_to_reading[k] < 0.5
         if validity is not None:
             is_new = is_new & (validity.valid > 0.5)
@@ -312,7 +325,7 @@ def _corrected(
         arguments = estimate, covariance, reading, aiding_parameters, rates, counters.rejections[k]
         after = if_needed(
             is_new,
-            _Correction(aiding.law, aiding.samples * structure.period),
+            _Correction(aiding.law, aiding.period_samples * structure.period),
             arguments,
             Corrected(estimate, covariance, before, counters.rejections[k]),
         )
@@ -328,8 +341,12 @@ def _corrected(
 
 
 def _with_new_block(
-    structure: FilterStructure, memory: Memory, parameters: FilterParameters, gyroscope: BodyRates, begins: Any
-) -> Memory:
+    structure: FilterStructure,
+    memory: ErrorStateFilterState,
+    parameters: FilterParameters,
+    gyroscope: BodyRates,
+    begins: Any,
+) -> ErrorStateFilterState:
     """Return the state with an empty current block, if a block begins at this sample."""
     estimate = memory.estimate
     empty = NO_INCREMENT._replace(
@@ -339,20 +356,25 @@ def _with_new_block(
     )
     memory = memory._replace(increment=where(begins, empty, memory.increment))
     if structure.num_blocks:
-        ahead = if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.ahead)
-        memory = memory._replace(ahead=ahead)
+        ahead = if_needed(begins, _at_present, (estimate, memory.blocks, parameters.gravity), memory.estimate_at_block)
+        memory = memory._replace(estimate_at_block=ahead)
     return memory
 
 
 def _at_present(estimate: Estimate, blocks: tuple[InertialIncrement, ...], gravity: Row) -> Estimate:
-    """Return an estimate after several blocks, of which the latest comes first."""
+    """Return the estimate after several blocks, given the estimate before them. The latest block comes first."""
     for block in reversed(blocks):
-        estimate = predicted(estimate, with_biases_of(block, estimate), gravity)
+        estimate = predict(estimate, correct_increment_biases(block, estimate), gravity)
     return estimate
 
 
 def next_wait(wait: Number, period: int) -> Number:
-    """Return the number of samples to the next event of a given period, after a sample."""
+    """Return the number of samples until the next periodic event, after one more sample.
+
+    Args:
+        wait: number of samples before this sample; 0 if the event occurs at this sample.
+        period: period of the event, in samples.
+    """
     return where(wait < 0.5, period - 1.0, wait - 1.0)
 
 
@@ -374,7 +396,7 @@ class Corrected(NamedTuple):
 
 @dataclass(frozen=True)
 class _Correction:
-    """Formula of the correction by a reading.
+    """Function that corrects an estimate and its covariance by a reading.
 
     Attributes:
         law: measurement equation.
@@ -399,12 +421,12 @@ class _Correction:
         error, covariance, innovation = corrected_error(covariance, measurements, gate)
         is_rejected = total([where(each * each <= parameters.innovation_limit, 0.0, 1.0) for each in innovation]) > 0.5
         rejections = where(is_rejected, minimum(rejections + 1.0, parameters.max_rejections), 0.0)
-        return Corrected(with_error(estimate, error), covariance, innovation, rejections)
+        return Corrected(add_error(estimate, error), covariance, innovation, rejections)
 
 
 @dataclass(frozen=True)
-class _InitialGroup:
-    """Function that computes the initial value of a field of `Memory` from the parameters."""
+class _InitialField:
+    """Function that computes the initial value of a field of `ErrorStateFilterState` from the filter's parameters."""
 
     name: str
     structure: FilterStructure
@@ -415,12 +437,15 @@ class _InitialGroup:
 
 @dataclass(frozen=True)
 class _Step:
-    """Formula of `filter_step`, whose arguments are the fields of `Memory` and the ports."""
+    """Function that calls `filter_step`, given the fields of `ErrorStateFilterState` and the values of the ports."""
 
     structure: FilterStructure
 
     def __call__(self, parameters: FilterParameters, gyroscope: BodyRates, accelerometer: Vector, *others: Any) -> Any:
-        memory, ports = Memory(*others[: len(Memory._fields)]), others[len(Memory._fields) :]
+        memory, ports = (
+            ErrorStateFilterState(*others[: len(ErrorStateFilterState._fields)]),
+            others[len(ErrorStateFilterState._fields) :],
+        )
         readings = tuple(map(StoredReading, ports[0::2], ports[1::2]))
         return filter_step(self.structure, memory, parameters, gyroscope, accelerometer, readings)
 
@@ -433,12 +458,14 @@ def _state_at_present(
     ahead: Estimate | None,
 ) -> State:
     """Return the estimated state of the vehicle at the present."""
-    present = predicted(estimate if ahead is None else ahead, increment, parameters.gravity)
+    present = predict(estimate if ahead is None else ahead, increment, parameters.gravity)
     return state_of(present, gyroscope, parameters.imu)
 
 
 def if_needed(mask: Any, formula: Callable[..., Any], arguments: Sequence[Any], otherwise: Any) -> Any:
-    """Return `lazy_where` of a formula of records.
+    """Return the result of a formula for some vehicles, and another record for all other vehicles.
+
+    This is `lazy_where` for a formula whose arguments and result are records instead of rows.
 
     Args:
         mask: Boolean for each vehicle, true if the vehicle needs the formula.
@@ -479,19 +506,21 @@ class ErrorStateKalmanFilter(FleetSystem):
 
     At every multiple of the period h, except for time zero, the filter reads its input ports, whose values were sampled
     one period before. It corrects the estimate by the readings of the aiding sensors, and predicts it over one period.
-    An aiding sensor with a period of several samples has new readings at multiples of its period, and a reading arrives
+    An aiding sensor whose period is several samples has new readings at multiples of this period, and a reading arrives
     after its latency. Just after an update, the output `measurement` has no delay, whatever the latencies are. Discrete
     updates of other systems at the same instant use the previous output, as with motion capture.
 
-    A block has `block_samples` samples. Corrections and propagations of the covariance take place at the beginnings of
-    blocks, and readings are taken there. `estimate_deviation` is the standard deviation at the horizon, after the last
-    correction. `innovation` contains the latest normalised innovations of each scalar measurement, sensor by sensor.
+    A block consists of `block_samples` samples. At the beginning of each block, the filter propagates the covariance
+    and corrects the estimate, so readings must be taken at these times. `estimate_deviation` contains the standard
+    deviations of the errors at the horizon, after the last correction. `innovation` contains the latest normalised
+    innovation of each scalar measurement, sensor by sensor.
 
-    Without an initial estimate, the vehicle is at rest at the first sample. Roll and pitch are estimated from the
-    direction of the accelerometer's reading, and the first reading of each aiding sensor is used even if its innovation
-    is large. Position and yaw therefore begin at the first readings if their initial deviations are large.
+    Without an initial estimate, the filter assumes that the vehicle is at rest at the first sample. It estimates roll
+    and pitch from the direction of the accelerometer's reading, and uses the first reading of each aiding sensor even
+    if its innovation is large. If the initial deviations of position and yaw are large, their estimates therefore start
+    at the first readings.
 
-    The block shows the ports of a filter with the aiding sensor `position`, whose readings can be missing.
+    The diagram shows the ports of a filter with the aiding sensor `position`, whose readings can be missing.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -524,16 +553,16 @@ class ErrorStateKalmanFilter(FleetSystem):
             readings.append(valid)
         parameter = self.parameter("parameters", lambda parameters: parameters)
         initial = initial_memory(structure, parameters)
-        writes = Memory._make(
-            self.state(name, _InitialGroup(name, structure), is_scheduled=name in _SCHEDULED)
+        writes = ErrorStateFilterState._make(
+            self.state(name, _InitialField(name, structure), is_scheduled=name in _SCHEDULED_FIELDS)
             if _has_rows(group)
             else None
-            for name, group in zip(Memory._fields, initial, strict=True)
+            for name, group in zip(ErrorStateFilterState._fields, initial, strict=True)
         )
         reads = [given if group is None else group for group, given in zip(writes, initial, strict=True)]
         arguments = parameter, gyroscope, accelerometer, *reads, *readings
         self.update(period, _Step(structure), *arguments, writes=writes, at_start=False)
-        present = parameter, gyroscope, writes.estimate, writes.increment, writes.ahead
+        present = parameter, gyroscope, writes.estimate, writes.increment, writes.estimate_at_block
         self.output("measurement", _state_at_present, *present)
         self.output("estimate_deviation", Covariance.deviations, writes.covariance)
         self.output("innovation", identity, writes.innovation, layout=rows_layout(structure.num_scalars))
@@ -558,9 +587,9 @@ def check_aiding(aiding: Sequence[Aiding], block_samples: int, parameters: Seque
     for each, given in zip(aiding, parameters, strict=True):
         if each.kind not in AIDING_LAWS:
             raise ValueError(f"{each.name} has the kind {each.kind!r}, but must have one of {', '.join(AIDING_LAWS)}")
-        if each.samples < 1 or each.samples % block_samples:
+        if each.period_samples < 1 or each.period_samples % block_samples:
             raise ValueError(
-                f"{each.name} has a period of {each.samples} samples, but must have a multiple of block_samples,"
+                f"{each.name} has a period of {each.period_samples} samples, but must have a multiple of block_samples,"
                 f" which is {block_samples}"
             )
         if type(given) is not each.law.aiding:

@@ -1,14 +1,14 @@
 """Estimate of an error-state Kalman filter, and its prediction with an inertial measurement unit.
 
-The filter stores an estimate of position p, velocity v, attitude R and of the biases b_g and b_a of gyroscope and
-accelerometer, and the covariance of 15 small errors of this estimate. The error of the attitude is a rotation vector δθ
-along the axes of W:
+The filter stores an estimate, and the covariance of 15 small errors of this estimate. The estimate consists of the
+position p, the velocity v, the attitude R, and the biases b_g and b_a of gyroscope and accelerometer. The error of the
+attitude is a rotation vector δθ along the axes of W:
 
     p_true = p + δp,   v_true = v + δv,   R_true = exp([δθ]×) R,   b_true = b + δb
 
 (J. Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv 1711.02508, 2017, chapters 5 and 7; chapter 7
-is on errors along the axes of W). With these errors, the transition matrix contains an identity block for the attitude,
-and an error of the yaw of a hovering vehicle is a single component, δθ_z.
+treats errors along the axes of W). With this choice, the transition matrix contains an identity block for the attitude,
+and the yaw error of a hovering vehicle is a single component, δθ_z.
 """
 
 from typing import Annotated, NamedTuple
@@ -55,11 +55,11 @@ class ErrorState(NamedTuple):
 
 
 class InertialIncrement(NamedTuple):
-    """Motion over successive samples of the inertial measurement unit, relative to its beginning.
+    """Motion over successive samples of the inertial measurement unit, relative to the state at the first sample.
 
-    The integrals are in the axes that the body has at the beginning, and without gravity (C. Forster et al.,
-    "On-manifold preintegration", IEEE Transactions on Robotics 33, 2017, section VI). They do not depend on the
-    estimate, except for the biases.
+    The integrals exclude gravity, and are expressed along the axes that the body has at the first sample (C. Forster
+    et al., "On-manifold preintegration", IEEE Transactions on Robotics 33, 2017, section VI). Only the biases of the
+    estimate affect them.
 
     Attributes:
         duration: sum of the sampling periods.
@@ -88,16 +88,17 @@ NO_INCREMENT = InertialIncrement(
 )
 
 
-def extended(
+def extend_increment(
     increment: InertialIncrement, gyroscope: BodyRates, accelerometer: Vector, period: float
 ) -> InertialIncrement:
     """Return an increment with one more sample of the inertial measurement unit.
 
-    Body rates and specific force along the axes of B are constant over a sample. The force is transformed with the
-    attitude in the middle of the sample, because the error of the attitude at the start is of first order in h.
+    Body rates and specific force along the axes of B are assumed to be constant over a sample. The force is transformed
+    with the attitude in the middle of the sample, since the attitude at its start would cause an error of first order
+    in h.
 
     Args:
-        increment: increment up to the sample.
+        increment: increment before the sample.
         gyroscope: reading of the gyroscope.
         accelerometer: reading of the accelerometer along the axes of B, m/s².
         period: sampling period h, s.
@@ -118,10 +119,10 @@ def extended(
     )
 
 
-def with_biases_of(increment: InertialIncrement, estimate: Estimate) -> InertialIncrement:
-    """Return an increment for the biases of an estimate, which differ from those of the increment.
+def correct_increment_biases(increment: InertialIncrement, estimate: Estimate) -> InertialIncrement:
+    """Return an increment, corrected for the difference between its biases and those of an estimate.
 
-    The change is of first order in the difference, as in the propagation of the covariance.
+    The correction is linear in this difference, like the propagation of the covariance.
     """
     turn = increment.rotations.in_world(minus(increment.gyroscope_bias, estimate.gyroscope_bias))
     force = increment.rotations.in_world(minus(increment.accelerometer_bias, estimate.accelerometer_bias))
@@ -133,8 +134,8 @@ def with_biases_of(increment: InertialIncrement, estimate: Estimate) -> Inertial
     )
 
 
-def predicted(estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]) -> Estimate:
-    """Return the estimate at the end of an increment that begins at the estimate."""
+def predict(estimate: Estimate, increment: InertialIncrement, gravity: Annotated[Row, Quantity("m/s²")]) -> Estimate:
+    """Return the estimate at the end of an increment, given the estimate at its beginning."""
     axes, time = estimate.attitude.axes(), increment.duration
     change, way = axes.in_world(increment.velocity), axes.in_world(increment.position)
     fall = time * gravity
@@ -146,11 +147,11 @@ def predicted(estimate: Estimate, increment: InertialIncrement, gravity: Annotat
     )
 
 
-def with_error(estimate: Estimate, error: ErrorState) -> Estimate:
-    """Return an estimate to which an estimated error is added.
+def add_error(estimate: Estimate, error: ErrorState) -> Estimate:
+    """Return an estimate after an estimated error has been added to it.
 
-    The covariance is left unchanged: its rotation by half of the angle of the error (Solà, section 7.2) is of second
-    order.
+    The covariance is not changed, since its rotation by half of the error's angle (Solà, section 7.2) is an effect of
+    second order.
     """
     return Estimate(
         plus(estimate.position, error.position),
@@ -162,12 +163,13 @@ def with_error(estimate: Estimate, error: ErrorState) -> Estimate:
 
 
 def state_of(estimate: Estimate, gyroscope: BodyRates, imu: Vector | None = None) -> State:
-    """Return the estimated state of the vehicle, with the body rates of a reading of the gyroscope without its bias.
+    """Return the estimated state of the vehicle. The body rates are a reading of the gyroscope minus its bias.
 
     Args:
         estimate: estimate of the inertial measurement unit.
         gyroscope: reading of the gyroscope.
-        imu: position of the inertial measurement unit relative to the centre of mass, m; None if it is there.
+        imu: position of the inertial measurement unit relative to the centre of mass, m; None if it is at the centre of
+            mass.
     """
     axes, position, velocity = estimate.attitude.axes(), estimate.position, estimate.velocity
     rates = minus(Vector(*gyroscope), estimate.gyroscope_bias)

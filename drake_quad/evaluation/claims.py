@@ -9,9 +9,9 @@ from drake_quad.evaluation.entries import NETWORK_BASES, POSITION_NETWORK_BASES,
 from drake_quad.evaluation.families import FAMILY_OF
 from drake_quad.evaluation.results import (
     LAPS_LABORATORY,
-    PRICED_CONTROLLERS,
-    PRICED_DESIGNS,
-    PRICED_LABORATORY,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANT_LABORATORY,
+    SENSITIVITY_VARIANTS,
     Evaluation,
     Traits,
     laboratory_with_laps,
@@ -30,7 +30,7 @@ class _ControllerNames(dict[str, str]):
 
 
 CONTROLLER_NAMES = _ControllerNames(
-    {name: entry.label for name, entry in controller_entries(on_board=False, maps=True).items()}
+    {name: entry.label for name, entry in controller_entries(on_board=False, position_networks=True).items()}
 )
 
 
@@ -135,11 +135,11 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
     )
 
 
-def _is_error_smaller(compared: Comparison) -> bool | None:
+def _is_error_smaller(comparison: Comparison) -> bool | None:
     """Return True if the error is smaller without significantly more crashes; None if the interval is inconclusive."""
-    if compared.crashed > compared.baseline_crashed and compared.crash_significance < 0.05:
+    if comparison.crashed > comparison.baseline_crashed and comparison.crash_significance < 0.05:
         return False
-    return reduction(compared.ratio).is_above(0.0)
+    return reduction(comparison.ratio).is_above(0.0)
 
 
 def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
@@ -184,7 +184,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
     """Judge the claim that a smaller stability margin reduces the error; None if no controller has several designs."""
     parts, conditions = [], []
-    for controller in PRICED_CONTROLLERS:
+    for controller in SENSITIVITY_VARIANT_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)
         for (_, tight), (_, loose) in itertools.pairwise(designs):
             conditions.append(reduction(compare_common_samples(loose, tight).ratio).is_above(0.0))
@@ -211,21 +211,21 @@ def designs_by_sensitivity(evaluation: Evaluation, controller: str) -> list[tupl
     """Return the designs of a controller and their flights, sorted by peak sensitivity."""
     traits = {
         name: each
-        for name, each in evaluation.traits.get(PRICED_DESIGNS, {}).items()
+        for name, each in evaluation.traits.get(SENSITIVITY_VARIANTS, {}).items()
         if name.startswith(f"{controller}@")
     }
-    if controller in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}):
-        traits[controller] = evaluation.traits[FAMILY_OF[PRICED_LABORATORY]][controller]
-    designs = [(each, evaluation.flights[PRICED_LABORATORY][name]) for name, each in traits.items()]
+    if controller in evaluation.traits.get(FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY], {}):
+        traits[controller] = evaluation.traits[FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY]][controller]
+    designs = [(each, evaluation.flights[SENSITIVITY_VARIANT_LABORATORY][name]) for name, each in traits.items()]
     return sorted(designs, key=lambda design: design[0].sensitivity)
 
 
 def best_controllers(evaluation: Evaluation, laboratory: str) -> list[str]:
     """Return the controller with the smallest mean RMSE in a laboratory, followed by the equally good controllers.
 
-    Controllers that crash in more than 5 % of the samples are excluded, unless all controllers do. A controller is
-    equally good if its error does not differ significantly from the smallest one in the paired comparison. The best
-    controller is selected from the controllers that flew all samples.
+    Controllers that crash in more than 5 % of the samples are excluded, unless all controllers do. A controller counts
+    as equally good if the paired comparison shows no significant difference between its error and the smallest one. The
+    best controller is selected from the controllers that flew all samples.
     """
     results = {name: each for name, each in evaluation.flights[laboratory].items() if "@" not in name}
     safe = {name: each for name, each in results.items() if np.mean(each.crashed) <= 0.05} or results
@@ -258,12 +258,12 @@ def proportions_text(fractions: Mapping[str, Interval]) -> str:
     return "; ".join(f"{each.percent()} ({laboratory})" for laboratory, each in fractions.items())
 
 
-def _crash_text(compared: Mapping[str, Comparison]) -> str:
+def _crash_text(comparisons: Mapping[str, Comparison]) -> str:
     """Return, as text, the number of samples in each laboratory on which only one of two controllers crashes."""
     parts = [
-        f"{laboratory}: it alone crashes on {each.crashed} samples, the other alone on {each.baseline_crashed}"
-        f" (p = {each.crash_significance:.2g})"
-        for laboratory, each in compared.items()
+        f"{laboratory}: {each.crashed} samples crash only in this case, {each.baseline_crashed} only in the compared"
+        f" case (p = {each.crash_significance:.2g})"
+        for laboratory, each in comparisons.items()
         if each.crashed or each.baseline_crashed
     ]
     return "; " + "; ".join(parts) if parts else ""

@@ -71,12 +71,12 @@ NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
 
 
-def controller_entries(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
+def controller_entries(*, on_board: bool, position_networks: bool) -> dict[str, ControllerEntry]:
     """Return all controllers by their names in files. Each controller with a network follows its base controller.
 
     Args:
         on_board: True if an autopilot on board the vehicle controls the attitude.
-        maps: True to include networks whose input is the position.
+        position_networks: True to include networks whose input is the position.
     """
     entries = _controllers(on_board)
     for name in ("pd", *NETWORK_BASES):
@@ -84,7 +84,7 @@ def controller_entries(*, on_board: bool, maps: bool) -> dict[str, ControllerEnt
         for kind in kinds:
             if kind != "t2fnn_map":
                 entries[f"{name}_{kind}"] = _network(entries[name], name, kind, _ERROR_INPUTS, _COVARIANCE_LAW)
-        if maps and name in POSITION_NETWORK_BASES:
+        if position_networks and name in POSITION_NETWORK_BASES:
             sets = _POSITION_INPUTS_ON_BOARD if on_board else _POSITION_INPUTS
             entries[f"{name}_t2fnn_map"] = _network(entries[name], name, "t2fnn_map", sets, _GRADIENT_LAW)
     return entries
@@ -175,8 +175,8 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
 def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
     """Return the fields of a cascade whose gains are not yet tuned.
 
-    If an autopilot on board controls the attitude, the limits on tilt and thrust are those of vehicles/neural_fly.yaml,
-    which a wind of 12 m/s requires.
+    If an autopilot on board controls the attitude, a wind of 12 m/s requires larger limits on tilt and thrust. They are
+    those of vehicles/neural_fly.yaml.
     """
     # The yaw gains are the result of `drake-quad design` for laboratory.yaml.
     gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}
@@ -195,8 +195,9 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# Inputs of the networks: the tracking errors (as in the paper) or the position. The sets for the figure eight are from
-# docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the lemniscate is in the X-Z plane.
+# Inputs of the networks: the tracking errors (as in the paper) or the position. The fuzzy sets of the position inputs
+# for the figure eight are from docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the
+# lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}
 _FIVE_SETS: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}

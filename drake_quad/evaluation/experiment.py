@@ -18,15 +18,15 @@ from drake_quad.evaluation.entries import POSITION_NETWORK_BASES
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily, overrides_for_laps
 from drake_quad.evaluation.results import (
     LAPS_LABORATORY,
-    PRICED_CONTROLLERS,
-    PRICED_DESIGNS,
-    PRICED_LABORATORY,
     SENSITIVITY_LIMITS,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANT_LABORATORY,
+    SENSITIVITY_VARIANTS,
     Evaluation,
     Traits,
     laboratory_with_laps,
-    priced_name,
     read_evaluation,
+    sensitivity_variant_name,
     write_evaluation,
 )
 from drake_quad.fleets.fleet_simulation import simulate_fleet
@@ -63,20 +63,20 @@ class EvaluationSizes(NamedTuple):
 
     Attributes:
         samples: number of random samples that each controller flies in each laboratory.
-        uncompiled: number of samples of a controller that cannot be compiled.
-        laps: number of samples for each number of laps.
+        num_uncompiled_samples: number of samples of a controller that cannot be compiled.
+        num_lap_samples: number of samples that fly each number of laps.
         max_laps: largest number of laps.
-        delayed: number of samples for each additional delay.
+        num_delay_samples: number of samples that fly with each additional delay.
         max_delay_frames: largest additional delay, in camera frames.
         duration: duration of a flight, s; None for the whole route.
         certifies: True to certify the controllers, which takes 20 to 80 s for each of them.
     """
 
     samples: int = 256
-    uncompiled: int = 32
-    laps: int = 64
+    num_uncompiled_samples: int = 32
+    num_lap_samples: int = 64
     max_laps: int = 6
-    delayed: int = 16
+    num_delay_samples: int = 16
     max_delay_frames: int = 40
     duration: float | None = None
     certifies: bool = True
@@ -88,7 +88,14 @@ class EvaluationSizes(NamedTuple):
 
 
 QUICK = EvaluationSizes(
-    samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0, certifies=False
+    samples=4,
+    num_uncompiled_samples=2,
+    num_lap_samples=2,
+    max_laps=2,
+    num_delay_samples=2,
+    max_delay_frames=4,
+    duration=1.0,
+    certifies=False,
 )
 # A result consists of laboratory, controller and metrics, or of family, controller and `Traits` (margins and times).
 Result = tuple[str, str, Metrics | Traits]
@@ -149,8 +156,9 @@ def _jobs(
 ) -> Iterator[Job]:
     """Yield the jobs of a family.
 
-    There is one job for each controller. The family with the laboratory `LAPS_LABORATORY` has two more: flights over
-    several laps, and flights of the designs with other limits on the peak sensitivity (see `fly_priced`).
+    There is one job for each controller. The family with the laboratory `LAPS_LABORATORY` has two more jobs: the
+    flights over several laps (`fly_laps`), and the flights of controllers that were designed with other limits on the
+    peak sensitivity (`fly_sensitivity_variants`).
     """
     family, designs = FAMILIES[name], read_designs(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
@@ -160,7 +168,9 @@ def _jobs(
         yield Job(f"{name} {each.name}", 1, partial(_collected, fly_controller, diagrams, name, family, each, sizes))
     if entries and LAPS_LABORATORY in family.laboratories:
         yield Job("laps", 1, partial(_collected, fly_laps, diagrams, name, family, entries, sizes))
-        yield Job(PRICED_DESIGNS, 1, partial(_collected, fly_priced, diagrams, family, entries, sizes))
+        yield Job(
+            SENSITIVITY_VARIANTS, 1, partial(_collected, fly_sensitivity_variants, diagrams, family, entries, sizes)
+        )
 
 
 def _collected(fly: Callable[..., Iterator[Result]], *arguments: Any) -> list[Result]:
@@ -220,7 +230,7 @@ def fly_controller(
     for laboratory in family.laboratories:
         metrics, cpu_time = timed_flights(
             scenario(laboratory, overrides=sizes.overrides),
-            sizes.uncompiled if uncompiled else sizes.samples,
+            sizes.num_uncompiled_samples if uncompiled else sizes.samples,
             compiled=not uncompiled,
         )
         time_in_fleet = cpu_time if laboratory == family.windiest_laboratory else time_in_fleet
@@ -269,10 +279,10 @@ def fly_laps(
     for controller in names:
         for count in range(1, sizes.max_laps + 1):
             scenario = family.scenario(diagrams, LAPS_LABORATORY, [f"{path}:{controller}"], overrides_for_laps(count))
-            yield laboratory_with_laps(count), controller, timed_flights(scenario, sizes.laps)[0]
+            yield laboratory_with_laps(count), controller, timed_flights(scenario, sizes.num_lap_samples)[0]
 
 
-def fly_priced(
+def fly_sensitivity_variants(
     diagrams: Path, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
 ) -> Iterator[Result]:
     """Fly controllers that were designed with different limits on the peak sensitivity.
@@ -285,18 +295,20 @@ def fly_priced(
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """
-    path = design_file(diagrams, PRICED_DESIGNS)
+    path = design_file(diagrams, SENSITIVITY_VARIANTS)
     designs = read_designs(path)
     names = [
-        priced_name(*each) for each in itertools.product(PRICED_CONTROLLERS, SENSITIVITY_LIMITS) if each[0] in entries
+        sensitivity_variant_name(*each)
+        for each in itertools.product(SENSITIVITY_VARIANT_CONTROLLERS, SENSITIVITY_LIMITS)
+        if each[0] in entries
     ]
     for name in (each for each in names if each in designs):
-        scenario = family.scenario(diagrams, PRICED_LABORATORY, [f"{path}:{name}"], sizes.overrides)
+        scenario = family.scenario(diagrams, SENSITIVITY_VARIANT_LABORATORY, [f"{path}:{name}"], sizes.overrides)
         metrics, cpu_time = timed_flights(scenario, sizes.samples)
-        yield PRICED_LABORATORY, name, metrics
-        margins = worst_margins(family.scenario(diagrams, PRICED_LABORATORY, [f"{path}:{name}"]))
+        yield SENSITIVITY_VARIANT_LABORATORY, name, metrics
+        margins = worst_margins(family.scenario(diagrams, SENSITIVITY_VARIANT_LABORATORY, [f"{path}:{name}"]))
         yield (
-            PRICED_DESIGNS,
+            SENSITIVITY_VARIANTS,
             name,
             Traits(*margins, delay_flown(scenario, sizes), single_vehicle_time(scenario), cpu_time),
         )
@@ -336,7 +348,7 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
 
     The result is infinite if no sample crashes at any delay, and negative if a sample crashes without additional delay.
     """
-    samples = range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + sizes.delayed)
+    samples = range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + sizes.num_delay_samples)
     frames = np.arange(sizes.max_delay_frames + 1)
     batch = Batch.draw(scenario, [*samples] * len(frames))
     latency = batch.varying.get(LATENCY, scenario.laboratory.motion_capture.latency_frames)
@@ -375,7 +387,7 @@ class CertifiedScales(NamedTuple):
     not_certified: str
 
 
-NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out in a quick test")
+NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are not computed in a quick test")
 
 
 def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:

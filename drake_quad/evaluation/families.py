@@ -22,9 +22,11 @@ class LaboratoryFamily(NamedTuple):
         laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.
         training_laboratories: names of the laboratories in which designs are trained. The stability limit is checked in
             the first of these laboratories.
-        windiest_laboratory: name of the laboratory in which the tolerated delay is measured.
+        windiest_laboratory: name of the laboratory with the strongest wind, in which the tolerated delay and the
+            computing times are measured.
         on_board: True if an autopilot on board the vehicle controls the attitude.
-        maps: True to include networks whose input is the position, for disturbances that recur at the same position.
+        position_networks: True to include networks whose input is the position, for disturbances that recur at the same
+            position.
         lap_overrides: overrides for the training of a network whose input is the position.
     """
 
@@ -32,13 +34,13 @@ class LaboratoryFamily(NamedTuple):
     training_laboratories: tuple[str, ...]
     windiest_laboratory: str
     on_board: bool = False
-    maps: bool = False
+    position_networks: bool = False
     lap_overrides: tuple[str, ...] = ()
 
     @property
     def entries(self) -> dict[str, ControllerEntry]:
         """Controllers that are designed for the family, by name."""
-        return controller_entries(on_board=self.on_board, maps=self.maps)
+        return controller_entries(on_board=self.on_board, position_networks=self.position_networks)
 
     def scenario(
         self,
@@ -72,7 +74,7 @@ FAMILIES = {
         },
         ("low wind", "high wind"),
         "high wind",
-        maps=True,
+        position_networks=True,
         lap_overrides=overrides_for_laps(3),
     ),
     "outdoor": LaboratoryFamily({"outdoor": "outdoor.yaml"}, ("outdoor",), "outdoor"),
@@ -89,7 +91,7 @@ FAMILIES = {
         ("8 m/s", "12 m/s"),
         "12 m/s",
         on_board=True,
-        maps=True,
+        position_networks=True,
     ),
 }
 # Name of the family by the name of the laboratory.

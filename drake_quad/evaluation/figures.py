@@ -13,15 +13,15 @@ from drake_quad.evaluation.claims import CONTROLLER_NAMES, comparisons_by_labora
 from drake_quad.evaluation.entries import NETWORK_BASES, NETWORKS, POSITION_NETWORK_BASES
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
 from drake_quad.evaluation.results import (
-    PRICED_CONTROLLERS,
-    PRICED_LABORATORY,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANT_LABORATORY,
     Evaluation,
     Traits,
     laboratory_with_laps,
 )
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
-from drake_quad.reports.figures import COLUMN, print_panels
+from drake_quad.reports.figures import COLUMN_WIDTH, print_panels
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
@@ -44,11 +44,11 @@ _MAX_CRASH_FRACTION = 0.05  # markers of controllers with a larger fraction of c
 
 
 def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures for which there are flights, and yield the name of each figure with the figure."""
+    """Yield name and figure of each plot for which the evaluation contains results."""
     yield "errors", errors_figure(evaluation)
     if reductions_by_network(evaluation):
         yield "networks", networks_figure(evaluation)
-    if evaluation.flights.get(PRICED_LABORATORY):
+    if evaluation.flights.get(SENSITIVITY_VARIANT_LABORATORY):
         yield "margins", margins_figure(evaluation)
     mapped = [name for name in POSITION_NETWORK_BASES if lap_counts(evaluation, f"{name}_t2fnn_map")]
     if mapped:
@@ -126,7 +126,7 @@ def networks_figure(evaluation: Evaluation) -> Figure:
     """Plot the error reduction that each network achieves: a row for each network, a marker for each laboratory."""
     reductions = reductions_by_network(evaluation)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
-    with print_panels(0.9 + 0.36 * len(reductions), width=1.75 * COLUMN) as (figure, axes):
+    with print_panels(0.9 + 0.36 * len(reductions), width=1.75 * COLUMN_WIDTH) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
         for row, by_laboratory in enumerate(reductions.values()):
             for offset, (laboratory, each) in zip(
@@ -157,13 +157,13 @@ def networks_figure(evaluation: Evaluation) -> Figure:
 def margins_figure(evaluation: Evaluation) -> Figure:
     """Plot the error in high wind over the peak sensitivity and over the tolerated delay."""
     plain = {
-        name: (each, evaluation.flights[PRICED_LABORATORY][name])
-        for name, each in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}).items()
+        name: (each, evaluation.flights[SENSITIVITY_VARIANT_LABORATORY][name])
+        for name, each in evaluation.traits.get(FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY], {}).items()
         if not base_and_network(name)[1]
     }
-    with print_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, (row,)):
+    with print_panels(2.7, 1, 2, width=1.75 * COLUMN_WIDTH, sharey=True) as (figure, (row,)):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
-            for name in PRICED_CONTROLLERS:
+            for name in SENSITIVITY_VARIANT_CONTROLLERS:
                 designs = designs_by_sensitivity(evaluation, name)
                 if designs:
                     x, y = zip(*(_point(each, metrics, measure, unit) for each, metrics in designs), strict=True)
@@ -185,7 +185,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
         ticks = [tick for tick in (1, 2, 3, 5, 10, 20, 50) if low <= tick <= high]
         row[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         row[0].yaxis.set_minor_locator(NullLocator())
-        row[0].set_ylabel(f"RMSE in {PRICED_LABORATORY} (cm)")
+        row[0].set_ylabel(f"RMSE in {SENSITIVITY_VARIANT_LABORATORY} (cm)")
         legend_above(figure, row[0], 4, columnspacing=1.0)
         return figure
 
@@ -205,7 +205,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 def laps_figure(evaluation: Evaluation, controllers: Sequence[str]) -> Figure:
     """Plot the error in each lap, with and without a network that has the position as input."""
-    with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
+    with print_panels(2.6, width=1.3 * COLUMN_WIDTH) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = lap_counts(evaluation, controller)

@@ -13,11 +13,11 @@ from drake_quad.evaluation.designs import design_file, read_designs, write_desig
 from drake_quad.evaluation.entries import ControllerEntry, controller_entries
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, LaboratoryFamily
 from drake_quad.evaluation.results import (
-    PRICED_CONTROLLERS,
-    PRICED_DESIGNS,
-    PRICED_LABORATORY,
     SENSITIVITY_LIMITS,
-    priced_name,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANT_LABORATORY,
+    SENSITIVITY_VARIANTS,
+    sensitivity_variant_name,
 )
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
@@ -153,27 +153,27 @@ def previous_numbers(
     return numbers if all(isinstance(number, float) and number > 0.0 for number in numbers) else None
 
 
-def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[DesignResult]:
+def design_sensitivity_variants(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[DesignResult]:
     """Design controllers with several limits on the peak sensitivity, and write them as `design_family` does.
 
     The designs show the price of a stability margin: by how much a stricter limit increases the tracking error.
     """
-    family = FAMILIES[FAMILY_OF[PRICED_LABORATORY]]
-    path = design_file(diagrams, PRICED_DESIGNS)
-    entries = controller_entries(on_board=family.on_board, maps=False)
-    for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITY_LIMITS):
+    family = FAMILIES[FAMILY_OF[SENSITIVITY_VARIANT_LABORATORY]]
+    path = design_file(diagrams, SENSITIVITY_VARIANTS)
+    entries = controller_entries(on_board=family.on_board, position_networks=False)
+    for controller, sensitivity in itertools.product(SENSITIVITY_VARIANT_CONTROLLERS, SENSITIVITY_LIMITS):
         entry, limit = entries[controller], LoopLimit(sensitivity=sensitivity)
-        name = priced_name(controller, sensitivity)
+        name = sensitivity_variant_name(controller, sensitivity)
         if entry.parameters:
             scenarios = _scenarios_before_tuning(diagrams, family, path, name, entry)
             result = tune(scenarios, entry.parameters, limit.margin_ratios, budget=budget)
             tree, description = entry.tree(result.values), _description(entry, result, budget)
         else:
-            scenario = load_undesigned(diagrams / family.laboratories[PRICED_LABORATORY])
+            scenario = load_undesigned(diagrams / family.laboratories[SENSITIVITY_VARIANT_LABORATORY])
             design = design_lqg(scenario, LqgLimits(sensitivity=sensitivity, delay=limit.delay))
             control = design.control.model_dump(mode="json", exclude_none=True)
             tree, description = {"control": control}, "designed from Riccati equations"
-        write_designs(path, {name: tree}, comments={name: description}, header=_PRICED_HEADER)
+        write_designs(path, {name: tree}, comments={name: description}, header=_SENSITIVITY_VARIANTS_HEADER)
         yield DesignResult(name, description)
 
 
@@ -195,7 +195,7 @@ def _description(entry: ControllerEntry, result: TuningResult, budget: Budget, e
     return description if fraction == "100 %" else f"{description}, meets {fraction} of the limit"
 
 
-_PRICED_HEADER = (
+_SENSITIVITY_VARIANTS_HEADER = (
     "Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity, NAME@LIMIT, to\n"
     "show the price of stability margin in docs/controllers/report.md: drake-quad judge --tune priced"
 )

@@ -18,7 +18,7 @@ from drake_quad.evaluation.claims import (
 from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF, FIRST_EVALUATION_SAMPLE, LaboratoryFamily
 from drake_quad.evaluation.figures import evaluation_figures
-from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits
+from drake_quad.evaluation.results import SENSITIVITY_VARIANTS, Evaluation, Traits
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, write_claims
 from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
@@ -30,8 +30,8 @@ CAPTIONS = {
     "errors": "Mean RMSE of every controller in every laboratory, with 95 % intervals, most of which are narrower than"
     " the markers. A marker is hollow if more than 5 % of the vehicles crash; the mean is then that of the flights"
     " without a crash.",
-    "margins": "RMSE in high wind over the peak sensitivity, and over the tolerated delay in addition to that of the"
-    " laboratory. Lines connect designs of the same controller with different limits.",
+    "margins": "RMSE in high wind as a function of the peak sensitivity and of the tolerated additional delay. Lines"
+    " connect designs of the same controller with different limits.",
     "networks": "Reduction of the mean RMSE by a network, on the same samples, with 95 % intervals. Left of zero, the"
     " network increases the error.",
     "laps": "RMSE in each lap in high wind, with 95 % intervals, with and without a network that has the position as"
@@ -81,7 +81,7 @@ def report_markdown(evaluation: Evaluation, claims: Sequence[Claim], figures: Se
             f"- {rule}: {_claim_numbers(claims, rule)}" for rule in dict.fromkeys(each.rule for each in claims)
         ),
         families="\n\n".join(_family_section(evaluation, name, family) for name, family in FAMILIES.items()),
-        priced=_priced_table(evaluation),
+        sensitivity_variants=_sensitivity_variants_table(evaluation),
         entries=_entries_table(),
         missing=_missing_designs_text(evaluation),
         samples=_max_samples(evaluation),
@@ -199,22 +199,22 @@ _TRAIT_HEADINGS = (
 )
 
 
-def _trait_texts(each: Traits) -> tuple[str, ...]:
+def _trait_texts(traits: Traits) -> tuple[str, ...]:
     return (
-        _number(each.sensitivity, ".2f"),
-        _number(1e3 * each.delay, ".0f"),
-        delay_text(each.delay_flown).removesuffix(" ms"),
-        _number(1e6 * each.lone, ".0f"),
-        _number(1e6 * each.fleet, ".2f"),
+        _number(traits.sensitivity, ".2f"),
+        _number(1e3 * traits.delay, ".0f"),
+        delay_text(traits.delay_flown).removesuffix(" ms"),
+        _number(1e6 * traits.lone, ".0f"),
+        _number(1e6 * traits.fleet, ".2f"),
     )
 
 
-def _certificate_text(each: Traits) -> str:
+def _certificate_text(traits: Traits) -> str:
     """Return, as text, the certified scale and the smallest scale at which an unstable loop was found, if any."""
-    if not np.isfinite(each.stable_scale):
+    if not np.isfinite(traits.stable_scale):
         return "not certified"
-    unstable = f" (unstable at {each.unstable_scale:.2f})" if np.isfinite(each.unstable_scale) else ""
-    return f"{each.stable_scale:.2f}{unstable}"
+    unstable = f" (unstable at {traits.unstable_scale:.2f})" if np.isfinite(traits.unstable_scale) else ""
+    return f"{traits.stable_scale:.2f}{unstable}"
 
 
 def _reasons_without_certificate(traits: Mapping[str, Traits]) -> list[str]:
@@ -237,9 +237,9 @@ def _crash_probabilities(evaluation: Evaluation, family: LaboratoryFamily, trait
     return "; ".join(fractions)
 
 
-def _priced_table(evaluation: Evaluation) -> str:
+def _sensitivity_variants_table(evaluation: Evaluation) -> str:
     rows = []
-    for name, each in evaluation.traits.get(PRICED_DESIGNS, {}).items():
+    for name, each in evaluation.traits.get(SENSITIVITY_VARIANTS, {}).items():
         controller, _, limit = name.partition("@")
         metrics = evaluation.flights["high wind"][name]
         mean = mean_interval(values_without_crashes(metrics, "rmse")).text(size=0.01)
@@ -248,7 +248,7 @@ def _priced_table(evaluation: Evaluation) -> str:
 
 
 def _entries_table() -> str:
-    entries = controller_entries(on_board=False, maps=True).values()
+    entries = controller_entries(on_board=False, position_networks=True).values()
     rows = [
         (
             each.label,
@@ -257,7 +257,7 @@ def _entries_table() -> str:
         )
         for each in entries
     ]
-    return table(("", "known of the plant in addition to mass, inertia and reference", "tuned by"), rows)
+    return table(("", "plant knowledge in addition to mass, inertia and reference", "tuned by"), rows)
 
 
 def _missing_designs_text(evaluation: Evaluation) -> str:
@@ -269,7 +269,7 @@ def _missing_designs_text(evaluation: Evaluation) -> str:
     return (
         "These controllers have no design and were not flown:\n\n" + "\n".join(lines)
         if lines
-        else "All controllers have a design for each family."
+        else "Each controller has a design for each family of laboratories."
     )
 
 

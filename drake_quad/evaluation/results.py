@@ -16,10 +16,10 @@ _NUM_DIGITS = 9  # significant digits in the files
 LAPS_LABORATORY = "high wind"  # laboratory in which networks with the position as input fly several laps
 # "Priced" designs are controllers that were designed with other limits on the peak sensitivity than the default. They
 # show the price of a stability margin: by how much a stricter limit increases the tracking error.
-PRICED_DESIGNS = "priced"  # name of the file that contains the priced designs
-PRICED_LABORATORY = "high wind"  # laboratory in which the priced designs are tuned and flown
-PRICED_CONTROLLERS = ("indi", "lqg")  # controllers of which there are priced designs
-SENSITIVITY_LIMITS = (1.6, 1.9, 2.6, 3.0)  # limits on the peak sensitivity of the priced designs
+SENSITIVITY_VARIANTS = "priced"  # name of the file with the sensitivity variants
+SENSITIVITY_VARIANT_LABORATORY = "high wind"  # laboratory in which these variants are tuned and flown
+SENSITIVITY_VARIANT_CONTROLLERS = ("indi", "lqg")  # controllers that have sensitivity variants
+SENSITIVITY_LIMITS = (1.6, 1.9, 2.6, 3.0)  # limits on the peak sensitivity of the variants
 
 
 class Traits(NamedTuple):
@@ -73,8 +73,8 @@ def laboratory_with_laps(count: int) -> str:
     return f"{LAPS_LABORATORY}, lap {count}"
 
 
-def priced_name(controller: str, sensitivity: float) -> str:
-    """Return the name of a priced design: a controller with a given limit on the peak sensitivity, as in `indi@1.6`."""
+def sensitivity_variant_name(controller: str, sensitivity: float) -> str:
+    """Return the name of a controller that is designed with a limit on the peak sensitivity, such as `indi@1.6`."""
     return f"{controller}@{sensitivity:g}"
 
 

@@ -32,7 +32,7 @@ from drake_quad.scenario.paths import distributions_in
 
 # Output ports with rotor commands. Each kind of control allocation has one of them.
 _ROTOR_COMMANDS = ("rotor_speed_command", "throttle_command")
-_DIGEST = "SHA-256 of the scenario:"  # text in the opening comment of exported files
+_DIGEST_LABEL = "SHA-256 of the scenario:"  # text in the opening comment of every exported C file
 
 
 class Export(NamedTuple):
@@ -59,34 +59,34 @@ def export_controller(
 ) -> Export:
     """Write the controller of a scenario as C99, and return what was written.
 
-    The code contains everything between the inputs `measurement` and `reference` and the command to the vehicle:
-    `wrench` or `attitude_target`. It needs no library but `math.h`, no memory allocation and no global variables.
+    The code computes the command to the vehicle, `wrench` or `attitude_target`, from the inputs `measurement` and
+    `reference`. It uses no library except `math.h`, allocates no memory and has no global variables.
 
-    The folder contains the header NAME.h and the source NAME.c, the description `export.json` with which
-    `--controller FOLDER` flies the code, and the scenario as YAML.
+    The output folder contains the header NAME.h, the source NAME.c and the scenario as YAML. It also contains the
+    description `export.json`, which `--controller FOLDER` reads to fly the code.
 
     Args:
         scenario: scenario with the controller. Other parts may contain distributions.
         output: folder for the files.
         name: name of the files, and prefix of all names in C.
-        precision: "double" or "single". In double precision, every command is equal to that of a simulation, to the
-            last bit.
-        mixer: True to compute rotor commands from the wrench as well.
+        precision: "double" or "single". In double precision, every command is bitwise equal to the command in a
+            simulation.
+        mixer: True to compute also the rotor commands from the wrench.
         reference: True to add a function that evaluates the planned reference.
         project: name of a project to write around the code, in a folder of this name; a key of
             `drake_quad.export.projects.registered.PROJECTS`.
 
     Raises:
-        InputError: if the controller contains distributions or systems without formulas, the name is not an identifier,
-            or the folder contains a C file of this name that was not exported.
+        InputError: if the controller contains distributions or systems without formulas, the name is not a C
+            identifier, or the folder contains a C file of this name that was not exported.
     """
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}; it must be one of {join_names([*PRECISIONS])}")
     if identifier(name) != name:
-        raise InputError(f"name is {name!r}; it must be an identifier of C, such as controller")
+        raise InputError(f"name is {name!r}; it must be a C identifier, such as controller")
     for path in distributions_in(scenario):
         if path.startswith("control."):
-            raise InputError(f"{path} is a distribution, but exported code contains a number; set it to a number")
+            raise InputError(f"{path} is a distribution, but exported code needs a fixed value; set {path} to a number")
     plan = plan_route(scenario)
     diagram, outputs = _diagram(scenario, plan, mixer=mixer)
     period = scenario.laboratory.command_link.period
@@ -136,7 +136,7 @@ def _check_replaceable(file: Path) -> None:
     Raises:
         InputError: if the file exists and was not written by an export.
     """
-    if file.is_file() and _DIGEST not in file.read_text(encoding="utf-8", errors="replace").partition("*/")[0]:
+    if file.is_file() and _DIGEST_LABEL not in file.read_text(encoding="utf-8", errors="replace").partition("*/")[0]:
         raise InputError(f"{file} was not exported by drake_quad; choose another name or folder, or delete it")
 
 
@@ -144,7 +144,7 @@ def _diagram(scenario: Scenario, plan: Plan, *, mixer: bool) -> tuple[Diagram, l
     """Return the diagram to export, and the names of its outputs.
 
     Raises:
-        InputError: if a mixer is requested, but an autopilot on board computes the wrench.
+        InputError: if a mixer is requested, but an autopilot on board computes the rotor commands.
     """
     batch = Batch.draw(scenario, [scenario.sample or 0])
     control = build_control(batch.scenario, control_recipes(batch, plan), 1)
@@ -153,8 +153,8 @@ def _diagram(scenario: Scenario, plan: Plan, *, mixer: bool) -> tuple[Diagram, l
         return control, [command]
     if command != "wrench":
         raise InputError(
-            f"mixer: the controller of {scenario.name} commands an attitude, from which the autopilot of the vehicle"
-            " computes the rotor commands"
+            f"mixer: the controller of {scenario.name} commands an attitude to the autopilot, which computes the rotor"
+            " commands on board; export the controller without a mixer"
         )
     builder = DiagramBuilder()
     builder.AddNamedSystem("control", control)
@@ -172,18 +172,18 @@ def _diagram(scenario: Scenario, plan: Plan, *, mixer: bool) -> tuple[Diagram, l
 
 
 def _opening(description: ExportDescription) -> str:
-    """Return the comment at the beginning of both files."""
+    """Return the comment at the beginning of the header and of the source file."""
     number = PRECISIONS[description.precision].num_bytes
     lines = [
         f"Controller of the scenario {description.scenario}, exported by drake_quad {description.version}.",
-        f"{_DIGEST} {description.scenario_sha256}",
+        f"{_DIGEST_LABEL} {description.scenario_sha256}",
         "",
         f"Call {description.name}_init once, then {description.name}_step every {description.period:g} s.",
         f"A step takes at most {description.num_operations} arithmetic operations and calls of math.h. The state takes"
         f" {number * description.num_states + 4} bytes, the parameters {number * description.num_parameters} bytes.",
         "",
-        "Compile as C99 without -ffast-math and with -ffp-contract=off. In double precision, each result is then equal",
-        "to the result in simulation, to the last bit.",
+        "Compile as C99 without -ffast-math and with -ffp-contract=off. In double precision, each result is then",
+        "bitwise equal to the result in simulation.",
         "",
         "This code may be used under the BSD 3-Clause License of drake_quad.",
     ]

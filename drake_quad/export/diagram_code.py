@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.export.step import Member, Step
+from drake_quad.export.step import Member, StepCode
 from drake_quad.export.structs import Struct, StructMember, Structs, initializer, summary
 from drake_quad.exported.description import CodeInterface
 from drake_quad.framework.c_code import (
@@ -57,7 +57,7 @@ def diagram_code(
         InputError: if a system of the diagram is not declared by formulas, or if the periods do not match.
     """
     structs, functions = Structs(name, precision.real), Functions(precision)
-    step = Step(diagram, outputs, output_period, structs, functions)
+    step = StepCode(diagram, outputs, output_period, structs, functions)
     interface = CodeInterface(
         period=step.period,
         output_divisor=step.output_divisor,
@@ -78,7 +78,7 @@ def _step_head(name: str) -> str:
     )
 
 
-def _structs(name: str, step: Step, structs: Structs, diagram: Diagram) -> list[Struct]:
+def _structs(name: str, step: StepCode, structs: Structs, diagram: Diagram) -> list[Struct]:
     """Return the definitions of all structs."""
     inputs = [structs.member(key, layout) for key, layout in step.inputs.items()]
     outputs = [structs.member(key, layout) for key, layout in step.outputs.items()]
@@ -99,7 +99,7 @@ def _structs(name: str, step: Step, structs: Structs, diagram: Diagram) -> list[
     ]
 
 
-def _header(name: str, step: Step, structs: Sequence[Struct]) -> str:
+def _header(name: str, step: StepCode, structs: Sequence[Struct]) -> str:
     """Return the text of the header."""
     guard = f"{name.upper()}_H"
     head = "\n".join(wrapped(f"{_step_head(name)};"))
@@ -123,7 +123,7 @@ def _origin(member: Member, diagram: Diagram) -> str:
     return f"{member.path}: {summary(type(subsystem(diagram, member.path.split('.'))))}"
 
 
-def _source(name: str, step: Step, functions: Functions) -> str:
+def _source(name: str, step: StepCode, functions: Functions) -> str:
     """Return the text of the source file."""
     texts = [*functions.texts, *step.formulas.texts]
     multiplies_and_adds = any("multiply_add(" in text for text in texts)
@@ -151,7 +151,7 @@ def _source(name: str, step: Step, functions: Functions) -> str:
 
 
 def _constant(head: str, members: Mapping[str, Member], precision: Precision) -> str:
-    """Return the definition of a constant struct; members that are not given are zero."""
+    """Return the definition of a constant struct, whose other members are zero."""
     lines = [f"{head} = {{"]
     for name, (_, layout, values) in members.items():
         texts = [constant_text(value, precision) for value in values]

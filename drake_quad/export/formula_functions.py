@@ -84,7 +84,7 @@ class FormulaFunctions:
                 keys.append((None, *hashable_key(read)))
         signature = computation.formula, *keys, *computation.results
         if signature not in self._by_signature:
-            self._by_signature[signature] = self._traced(path, label, computation, absent)
+            self._by_signature[signature] = self._trace(path, label, computation, absent)
         shared = self._by_signature[signature]
         # Systems can share a C function, but each system reads its own ports, parameters and states.
         reads = [read for read in computation.reads if isinstance(read, Input | Parameter | StateGroup)]
@@ -95,7 +95,7 @@ class FormulaFunctions:
         ]
         return shared._replace(arguments=tuple(arguments))
 
-    def _traced(self, path: str, label: str, computation: Computation, absent: set[int]) -> FormulaFunction:
+    def _trace(self, path: str, label: str, computation: Computation, absent: set[int]) -> FormulaFunction:
         """Trace the formula of a computation, append its C function to `texts`, and return it."""
         listing = Listing(calls_functions=True)
         arguments: list[Argument] = []
@@ -151,7 +151,15 @@ class FormulaFunctions:
     def _text(
         self, name: str, computation: Computation, arguments: Sequence[Argument], targets: Sequence[str], body: Body
     ) -> str:
-        """Return the C code of a function, given its arguments, the names of its results, and its body."""
+        """Return the C code of a function.
+
+        Args:
+            name: name of the function.
+            computation: computation that the function implements.
+            arguments: arguments that the function reads.
+            targets: names of the pointer arguments for its results.
+            body: statements and result expressions of the function.
+        """
         real = self._functions.precision.real
         heads = [
             f"{real} {argument.name}"
@@ -184,7 +192,12 @@ def _unwrapped(formula: Any) -> Any:
 
 
 def _used_groups(listing: Listing, results: Sequence[Any]) -> set[int]:
-    """Return the indices of the inputs on which results depend, including `_TIME_GROUP` for the time."""
+    """Return the indices of the formula inputs on which traced results depend, with `_TIME_GROUP` for the time.
+
+    Args:
+        listing: recorded operations of the formula.
+        results: symbols or constants that the formula returns.
+    """
     required, used = set[int](), set[int]()
     stack = [result.line for result in results if isinstance(result, Symbol)]
     while stack:

@@ -8,9 +8,9 @@ from drake_quad.framework.c_code import Precision, constant_text, function_text,
 from drake_quad.reference.plan import REFERENCE_PORTS, Plan
 from drake_quad.reference.polynomial_path import subdivide
 
-# Names of the components of the reference ports: for each order of the derivative, those of X, Y, Z and yaw. An empty
-# name means that the port does not have the component.
-_ROWS: dict[str, list[tuple[str, ...]]] = {
+# Component names of each reference port. For each order of the derivative, a tuple contains the names of the X, Y, Z
+# and yaw components. An empty name means that the port does not have the component.
+_COMPONENT_NAMES: dict[str, list[tuple[str, ...]]] = {
     "reference": [("x", "y", "z", "yaw"), ("v_x", "v_y", "v_z", "yaw_rate"), ("a_x", "a_y", "a_z", "")],
     "reference_jerk": [(), (), (), ("x", "y", "z", "")],
     "reference_snap": [(), (), ("", "", "", "yaw"), (), ("x", "y", "z", "")],
@@ -25,7 +25,7 @@ def reference_code(plan: Plan, *, name: str, inputs: Sequence[str], precision: P
     Args:
         plan: plan that the vehicle follows.
         name: prefix of the names in C.
-        inputs: inputs of the controller; those that belong to the reference are set.
+        inputs: names of the inputs of the controller. The C function sets those that describe the reference.
         precision: floating-point format.
     """
     path, yaw = plan.extended_path, plan.extended_yaw
@@ -54,10 +54,10 @@ def reference_code(plan: Plan, *, name: str, inputs: Sequence[str], precision: P
         )
     ]
     head = f"void {name}_reference({real} time, {name}_inputs_t *inputs)"
-    orders = max(len(groups) for port, groups in _ROWS.items() if port in inputs)
+    orders = max(len(groups) for port, groups in _COMPONENT_NAMES.items() if port in inputs)
     assignments = [
         f"inputs->{identifier(port)}.{row} = derivatives[{axis}][{order}];"
-        for port, groups in _ROWS.items()
+        for port, groups in _COMPONENT_NAMES.items()
         if port in inputs and port in REFERENCE_PORTS
         for order, group in enumerate(groups)
         for axis, row in enumerate(group)

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.compilation.blocks import Block, BlockUpdate, find_block, reason_not_compilable
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
-from drake_quad.compilation.trace import ROUNDING
+from drake_quad.compilation.trace import PERIOD_TOLERANCE
 from drake_quad.errors import InputError
 from drake_quad.export.formula_functions import FormulaFunction, FormulaFunctions
 from drake_quad.export.structs import Structs, accessors, initializer, summary
@@ -27,8 +27,8 @@ from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, P
 from drake_quad.framework.records import ROW, Layout, layout_of, rows_layout
 from drake_quad.signals import SIGNALS
 
-# Prefix of system paths that is omitted in the names in C.
-_CONTROL = "control."
+# Prefix of system paths that the names in C omit.
+_CONTROL_PREFIX = "control."
 # Name in C for the state of Drake's own systems, which has no name in Drake.
 _UNNAMED_STATE = "value"
 
@@ -52,12 +52,12 @@ class _Update(NamedTuple):
 
     Attributes:
         path: path of the system.
-        declared: computation of a FleetSystem, or update of a system of Drake.
-        divisor: number of steps in the period.
+        rule: computation of a `FleetSystem`, or update of one of Drake's own systems.
+        divisor: number of steps in the period of the update.
     """
 
     path: str
-    declared: Computation | BlockUpdate
+    rule: Computation | BlockUpdate
     divisor: int
 
 
@@ -92,7 +92,7 @@ class _BlockView(NamedTuple):
         path: path of the system.
     """
 
-    step: "Step"
+    step: "StepCode"
     path: str
 
     def required_input(self, index: int) -> list[_Row]:
@@ -106,14 +106,14 @@ class _BlockView(NamedTuple):
 
     def state(self, group: int) -> list[_Row]:
         """Return the expressions of all components of the only state group."""
-        return self.step.as_rows(self.step.held_rows(self.path))
+        return self.step.as_rows(self.step.discrete_state_rows(self.path))
 
     def source(self, output: int, element: int) -> Any:
-        """Refuse an output port that depends only on time."""
-        raise InputError(f"{self.path} cannot be exported: it is a trajectory over time")
+        """Raise InputError, because the system is a trajectory source, whose output depends only on time."""
+        raise InputError(f"{self.path} cannot be exported: its output is a given trajectory over time")
 
 
-class Step:
+class StepCode:
     """Statements of the C function that advances a diagram by one period.
 
     Args:
@@ -147,9 +147,9 @@ class Step:
         self._blocks = {path: _block(path, system) for path, system in self._leaves.items()}
         self._context = diagram.CreateDefaultContext()
         self.states, self.parameters = self._states(), self._parameters()
-        self._structs, self.formulas = structs, FormulaFunctions(structs, functions, self._variables())
-        # Layout of the struct that a C expression denotes, by the text of the expression.
-        self._types: dict[str, Layout] = {}
+        self._structs, self.formulas = structs, FormulaFunctions(structs, functions, self._variable_names())
+        # Layout of the value of each C expression that denotes a struct or a number.
+        self._layouts: dict[str, Layout] = {}
         self._rows_of: dict[Port, list[str]] = {}
         self._input_layouts = {port: self._input_layout(port) for port in self._exported_inputs()}
         self.inputs = {port.name: layout for port, layout in self._input_layouts.items()}
@@ -212,7 +212,7 @@ class Step:
         return sorted(used, key=lambda port: names.index(port.name))
 
     def _input_layout(self, port: ExportedPort) -> Layout:
-        """Return the layout of an exported input port: that of the first system that reads it."""
+        """Return the layout that the first system reading an exported input port declares for it."""
         for path, system in self._leaves.items():
             for read in _reads_of(system):
                 if isinstance(read, Input) and self._topology.source(Port(path, int(read.index))) == port:
@@ -233,7 +233,7 @@ class Step:
             InputError: if the period is not a multiple of the step.
         """
         steps = round(period / self.period)
-        if abs(period / self.period - steps) > ROUNDING:
+        if abs(period / self.period - steps) > PERIOD_TOLERANCE:
             raise InputError(f"{label} cannot be exported: {period:g} s is not a multiple of {self.period:g} s")
         return steps
 
@@ -243,9 +243,9 @@ class Step:
         return [source for source in sources if isinstance(source, Port)]
 
     def _update_sources(self, update: _Update) -> list[Port]:
-        if isinstance(update.declared, BlockUpdate):
+        if isinstance(update.rule, BlockUpdate):
             return self._sources(update.path, range(self._leaves[update.path].num_input_ports()))
-        reads = update.declared.reads
+        reads = update.rule.reads
         return self._sources(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
 
     def _require(self, port: Port, divisor: int) -> None:
@@ -286,39 +286,42 @@ class Step:
         return self._rows(source)
 
     def _struct_rows(self, expression: str, layout: Layout) -> list[str]:
-        """Return the expressions of all numbers in a struct, and store the types of this and all nested structs."""
+        """Return the expressions of all numbers in a struct, and store the layouts of this and all nested structs."""
         self._remember(expression, layout)
         return [expression + accessor for accessor in accessors(layout)]
 
     def _remember(self, expression: str, layout: Layout) -> None:
-        self._types[expression] = layout
+        self._layouts[expression] = layout
         if layout.num_rows and layout.kind is not tuple and layout is not ROW:
             for field, part in zip(layout.kind._fields, layout.parts, strict=True):  # type: ignore[attr-defined]
                 self._remember(f"{expression}.{identifier(field)}", part)
 
     def _state_rows(self, path: str, group: StateGroup) -> list[str]:
-        return self._struct_rows(f"controller->{_member(path, group.name)}", group.layout)
+        return self._struct_rows(f"controller->{_member_name(path, group.name)}", group.layout)
 
     def as_rows(self, texts: Sequence[str]) -> list[_Row]:
-        """Wrap texts of expressions that contain no operations."""
+        """Return `_Row` objects for C expressions without operations, such as variables and constants."""
         return [_Row(text, self.precision) for text in texts]
 
     def default_context(self, path: str) -> Any:
         """Return the default context of a system."""
         return self._leaves[path].GetMyContextFromRoot(self._context)
 
-    def held_rows(self, path: str) -> list[str]:
+    def discrete_state_rows(self, path: str) -> list[str]:
         """Return the expressions of the state of one of Drake's own systems, which has a single state group."""
         layout = rows_layout(self.default_context(path).get_discrete_state(0).size())
-        return self._struct_rows(f"controller->{_member(path, _UNNAMED_STATE)}", layout)
+        return self._struct_rows(f"controller->{_member_name(path, _UNNAMED_STATE)}", layout)
 
     def _rows_of_block(self, port: Port) -> list[str]:
-        """Return the expressions of an output port of one of Drake's own systems; computed values get a variable."""
+        """Return the expressions of an output port of one of Drake's own systems.
+
+        If the port is computed by operations, its value is stored in a variable first.
+        """
         rows = self._blocks[port.path].output(port.number, _BlockView(self, port.path))  # type: ignore[arg-type]
         texts, num_operations = [row.text for row in rows], sum(row.num_operations for row in rows)
         if not num_operations:
             return texts
-        name, layout = _system(port.path), signal_layout(port.path.split(".")[-1], len(texts))
+        name, layout = _system_name(port.path), signal_layout(port.path.split(".")[-1], len(texts))
         self.num_operations += num_operations
         kind = self._structs.c_type(layout)
         self._statements[self._divisors[port]].append(f"const {kind} {name} = {initializer(layout, texts)};")
@@ -327,8 +330,10 @@ class Step:
     def _call(self, port: Port, computation: Computation) -> list[str]:
         """Append the call that computes an output port, and return the expressions of its components."""
         system = self._leaves[port.path]
-        label = _member(port.path, system.get_output_port(port.number).get_name()) if len(system.outputs) > 1 else ""
-        name = label or _system(port.path)
+        label = (
+            _member_name(port.path, system.get_output_port(port.number).get_name()) if len(system.outputs) > 1 else ""
+        )
+        name = label or _system_name(port.path)
         (layout,) = computation.results
         function = self._function(port.path, name, computation)
         arguments = self._arguments(port.path, self._divisors[port], function)
@@ -356,7 +361,7 @@ class Step:
                 case Input():
                     rows = self.input_rows(path, int(read.index))
                 case Parameter():
-                    rows = self._struct_rows(f"parameters->{self._parameter_member(path, read)}", layout)
+                    rows = self._struct_rows(f"parameters->{self._parameter_name(path, read)}", layout)
                 case StateGroup():
                     rows = self._state_rows(path, read)
                 case _:
@@ -367,20 +372,20 @@ class Step:
         return texts
 
     def _struct_of(self, path: str, divisor: int, rows: Sequence[str], layout: Layout) -> str:
-        """Return the expression of a struct with these components, which are copied to a new struct if necessary."""
+        """Return the expression of a struct with the given components, copied to a new struct if none contains them."""
         if struct := self._whole_struct(rows, layout):
             return struct
-        name = f"{_system(path)}_input_{len(self._types)}"
+        name = f"{_system_name(path)}_input_{len(self._layouts)}"
         kind = self._structs.c_type(layout)
         self._statements[divisor].append(f"const {kind} {name} = {initializer(layout, rows)};")
         self._remember(name, layout)
         return name
 
     def _whole_struct(self, rows: Sequence[str], layout: Layout) -> str:
-        """Return the expression of the struct that consists of these components; empty if there is no such struct."""
+        """Return the expression of an existing struct that consists of the given components; empty if none does."""
         suffixes = accessors(layout)
         base = rows[0].removesuffix(suffixes[0])
-        return base if self._types.get(base) == layout and [*rows] == [base + each for each in suffixes] else ""
+        return base if self._layouts.get(base) == layout and [*rows] == [base + each for each in suffixes] else ""
 
     # State, parameters and updates
 
@@ -392,16 +397,16 @@ class Step:
             if isinstance(system, FleetSystem):
                 for group in system.states.values():
                     value = context.get_discrete_state(group.index).value()
-                    states[_member(path, group.name)] = Member(path, group.layout, value)
+                    states[_member_name(path, group.name)] = Member(path, group.layout, value)
             elif context.num_discrete_state_groups():
                 value = context.get_discrete_state(0).value()
-                states[_member(path, _UNNAMED_STATE)] = Member(path, rows_layout(len(value)), value)
+                states[_member_name(path, _UNNAMED_STATE)] = Member(path, rows_layout(len(value)), value)
         return states
 
     def _parameters(self) -> dict[str, Member]:
         """Return all parameters, by the name of the struct member."""
         return {
-            self._parameter_member(path, parameter): Member(
+            self._parameter_name(path, parameter): Member(
                 path,
                 parameter.layout,
                 self.default_context(path).get_numeric_parameter(parameter.index).value(),
@@ -411,32 +416,32 @@ class Step:
             for parameter in system.parameters.values()
         }
 
-    def _variables(self) -> set[str]:
+    def _variable_names(self) -> set[str]:
         """Return the names of all arguments and variables, so that called functions get other names."""
         outputs = {
-            _member(path, system.get_output_port(i).get_name())
+            _member_name(path, system.get_output_port(i).get_name())
             for path, system in self._leaves.items()
             for i in range(system.num_output_ports())
         }
-        systems, states = {_system(path) for path in self._leaves}, {f"next_{member}" for member in self.states}
+        systems, states = {_system_name(path) for path in self._leaves}, {f"next_{member}" for member in self.states}
         return {"controller", "parameters", "inputs", "outputs", "time"} | outputs | systems | states
 
-    def _parameter_member(self, path: str, parameter: Parameter) -> str:
-        return _system(path) if parameter.name == "parameters" else _member(path, parameter.name)
+    def _parameter_name(self, path: str, parameter: Parameter) -> str:
+        return _system_name(path) if parameter.name == "parameters" else _member_name(path, parameter.name)
 
     def _write_updates(self) -> list[str]:
         """Append the statements of all updates, and return the names of the state members that they change."""
         changed: list[str] = []
-        for path, declared, divisor in self._updates:
+        for path, rule, divisor in self._updates:
             statements = self._statements[divisor]
-            if isinstance(declared, BlockUpdate):
-                member = _member(path, _UNNAMED_STATE)
-                (rows,) = declared.compute(_BlockView(self, path)).values()  # type: ignore[arg-type]
+            if isinstance(rule, BlockUpdate):
+                member = _member_name(path, _UNNAMED_STATE)
+                (rows,) = rule.compute(_BlockView(self, path)).values()  # type: ignore[arg-type]
                 statements += self._assignments(f"next_{member}", rows_layout(len(rows)), [row.text for row in rows])
                 changed.append(member)
             else:
-                members = [_member(path, group.name) for group in declared.writes]
-                function = self._function(path, f"{_system(path)}_update", declared)
+                members = [_member_name(path, group.name) for group in rule.writes]
+                function = self._function(path, f"{_system_name(path)}_update", rule)
                 arguments = self._arguments(path, divisor, function)
                 arguments += [f"&next_{member}" for member in members]
                 statements.append(f"{function.name}({', '.join(arguments)});")
@@ -468,7 +473,7 @@ def _block(path: str, system: Any) -> Block:
         if update.period is None:
             raise InputError(f"{path} cannot be exported: it computes its initial state from inputs")
         if update.unrestricted or not update.at_start:
-            raise InputError(f"{path} cannot be exported: it has updates that must precede others at the same time")
+            raise InputError(f"{path} cannot be exported: it has unrestricted updates or updates that skip time zero")
     return block
 
 
@@ -486,11 +491,11 @@ def signal_layout(name: str, num_rows: int) -> Layout:
     return rows_layout(num_rows)
 
 
-def _system(path: str) -> str:
-    """Return the name of a struct member or variable for a system."""
-    return identifier(path.removeprefix(_CONTROL))
+def _system_name(path: str) -> str:
+    """Return the name of the struct member or variable for a system."""
+    return identifier(path.removeprefix(_CONTROL_PREFIX))
 
 
-def _member(path: str, name: str) -> str:
-    """Return the name of a struct member or variable for a port, state group or parameter of a system."""
-    return identifier(f"{path.removeprefix(_CONTROL)}_{name}")
+def _member_name(path: str, name: str) -> str:
+    """Return the name of the struct member or variable for a port, state group or parameter of a system."""
+    return identifier(f"{path.removeprefix(_CONTROL_PREFIX)}_{name}")

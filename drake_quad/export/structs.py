@@ -20,7 +20,7 @@ class StructMember(NamedTuple):
         type_name: C type, or type of the elements of an array.
         name: name of the member.
         comment: comment on the member; may be empty.
-        sizes: sizes of an array, the first index first; empty if the member is no array.
+        sizes: sizes of an array, the first index first; empty if the member is not an array.
     """
 
     type_name: str

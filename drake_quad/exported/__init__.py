@@ -1,1 +1,1 @@
-"""Exported controllers in the loop: compilation of their C code, emulated boards, and a Drake system."""
+"""Simulation with exported controllers: Drake systems that run the C code on the host or on an emulated board."""

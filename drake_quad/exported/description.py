@@ -1,4 +1,4 @@
-"""Description of exported code, which is stored beside it."""
+"""Description of exported code, which is stored in the same folder as the code."""
 
 import json
 from dataclasses import dataclass

@@ -24,8 +24,8 @@ from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription,
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Options with which a C compiler keeps the order and rounding of all operations."""
 _COMPILERS = ("cc", "gcc", "clang")
-_MAX_MESSAGE_LENGTH = 500  # characters of a compiler's message
-# C code that is compiled together with exported code, to compare the layout of its structs with the description.
+_MAX_MESSAGE_LENGTH = 500  # largest number of characters of a compiler message that an error shows
+# C code that is compiled together with exported code, to compare the sizes of its structs with the description.
 _SIZES_CODE = """\
 #include "{name}.h"
 const unsigned long struct_sizes[4] = {{
@@ -45,8 +45,8 @@ class HostMachine:
 
     Args:
         folder: folder with the exported code.
-        compiler: C compiler; by default the first that is found of cc, gcc and clang.
-        flags: options of the compiler.
+        compiler: C compiler. By default, the first of cc, gcc and clang that is on PATH.
+        flags: compiler options.
 
     Raises:
         InputError: if there is no compiler, the code cannot be compiled, or its structs differ from the description.
@@ -125,7 +125,7 @@ class Core(NamedTuple):
 
     Attributes:
         board: name of the board in QEMU.
-        flags: options of the compiler that select the core and its floating-point unit.
+        flags: compiler options that select the core and its floating-point unit.
     """
 
     board: str
@@ -139,10 +139,10 @@ CORES = {
 """Cores on which exported code can be emulated, by name: one with a unit for single, one for double precision."""
 CROSS_COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 _CROSS_FLAGS = (*COMPILER_FLAGS, "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections")
-_ICOUNT_SHIFT = 5  # binary logarithm of the simulated nanoseconds that an instruction takes
-_TIMER_PERIOD = 40.0  # ns, time after which the timer of the board counts one; it runs at 25 MHz
+_ICOUNT_SHIFT = 5  # QEMU simulates 2^5 ns for each instruction
+_TIMER_PERIOD = 40.0  # ns; the timer of the board runs at 25 MHz
 _INSTRUCTIONS_PER_COUNT = _TIMER_PERIOD / 2**_ICOUNT_SHIFT
-_MAX_SECONDS = 60.0  # time that an emulated step may take; a step takes milliseconds
+_STEP_TIMEOUT = 60.0  # s; an emulated step takes milliseconds
 
 
 class EmulatedBoard:
@@ -165,7 +165,8 @@ class EmulatedBoard:
         for program, package in ((CROSS_COMPILER, "gcc-arm-none-eabi"), (EMULATOR, EMULATOR)):
             if shutil.which(program) is None:
                 raise InputError(
-                    f"the emulated {core} needs {program}, which is not on PATH; Debian has it in the package {package}"
+                    f"the emulated {core} needs {program}, which is not on PATH; on Debian, install the package"
+                    f" {package}"
                 )
         description = read_description(folder)
         self.max_instructions = 0
@@ -177,7 +178,7 @@ class EmulatedBoard:
         compile_for_board(folder, core, work / "program.elf")
         for name in ("requests", "responses"):
             os.mkfifo(work / name)
-        # A pipe that is opened for reading and writing does not wait for the other side.
+        # Opening a pipe for both reading and writing does not block until the emulator opens it.
         self._requests, self._responses = (os.open(work / name, os.O_RDWR) for name in ("requests", "responses"))
         command = [EMULATOR, "-M", CORES[core].board, "-kernel", "program.elf", "-nographic", "-monitor", "none"]
         command += ["-serial", "none", "-semihosting-config", "enable=on,target=native"]
@@ -205,7 +206,7 @@ class EmulatedBoard:
         return after, outputs
 
     def _read(self, size: int) -> bytes:
-        data, end = b"", time.monotonic() + _MAX_SECONDS
+        data, end = b"", time.monotonic() + _STEP_TIMEOUT
         while len(data) < size:
             ready, _, _ = select.select([self._responses], [], [], 0.5)
             if ready:
@@ -215,7 +216,7 @@ class EmulatedBoard:
                 message = self._process.stderr.read().decode(errors="replace")
                 raise RuntimeError(f"{EMULATOR} ended with status {self._process.returncode}: {message.strip()}")
             elif time.monotonic() > end:
-                raise RuntimeError(f"the emulated program did not answer within {_MAX_SECONDS:g} s")
+                raise RuntimeError(f"the emulated program did not answer within {_STEP_TIMEOUT:g} s")
         return data
 
 
@@ -234,12 +235,12 @@ def _stop(
 
 
 def compile_for_board(folder: Path, core: str, program: Path) -> None:
-    """Compile exported code and the program of an emulated board.
+    """Compile exported code and the program that runs it on an emulated board.
 
     Args:
         folder: folder with the exported code.
         core: name of the core, a key of `CORES`.
-        program: file of the program.
+        program: path of the executable file to write.
 
     Raises:
         InputError: if the code cannot be compiled.
@@ -263,7 +264,7 @@ def has_cross_compiler() -> bool:
 
 
 def code_size(folder: Path, core: str) -> int:
-    """Return the size of machine code and constants of exported code on a core, optimised for size, in bytes.
+    """Return the size of the machine code and constants of exported code on a core, compiled for small size, bytes.
 
     The functions of `math.h` are not included.
     """

@@ -15,8 +15,8 @@ from drake_quad.exported.machines import MACHINES, HostMachine
 class ExportedController(LeafSystem):
     """Controller that runs exported C code.
 
-    The input and output ports have the names of the signals of the exported controller. The discrete state contains
-    the numbers of the exported state, and the number of steps since the start.
+    The input and output ports have the names of the signals of the exported controller. The discrete state consists
+    of the state variables of the C code and the number of steps since the start.
 
     `exported_controller` returns a subclass for a folder.
 
@@ -28,8 +28,8 @@ class ExportedController(LeafSystem):
         folder: folder with the exported code.
         machine: name of the computer that runs the code, a key of `MACHINES`.
         max_instructions: largest number of instructions of a step so far; 0 if the computer does not count them.
-        reads_true_state: True if the exported controller has the input `state` instead of `measurement`, as policies
-            have that were trained on the true state.
+        reads_true_state: True if the exported controller has the input `state` instead of `measurement`. This is the
+            case for policies that were trained on the true state.
     """
 
     description: ClassVar[ExportDescription]
@@ -56,7 +56,8 @@ class ExportedController(LeafSystem):
 
     def _declare_output(self, name: str, rows: slice) -> None:
         def calc(context: Context, output: BasicVector) -> None:
-            # The code writes outputs only in some steps. In the others, they are computed here from the present state.
+            # The C code writes outputs only in some steps. To evaluate the port at any time, pretend that the present
+            # step is one of them.
             _, outputs = self._stepped(context, as_output_step=True)
             output.SetFromVector(outputs[rows].ravel())
 
@@ -71,7 +72,7 @@ class ExportedController(LeafSystem):
 
         Args:
             context: context of the system.
-            as_output_step: True to use the step number of the latest step at which the code writes its outputs.
+            as_output_step: True to replace the step number by that of the latest step in which the code writes outputs.
         """
         description, n = self.description, self.num_vehicles
         state = context.get_discrete_state(0).value().reshape(-1, n)
@@ -108,7 +109,7 @@ def exported_controller(folder: Path | str, machine: str = "host") -> type[Expor
     description = read_description(folder)
     if machine not in MACHINES:
         raise InputError(f"machine {machine!r} does not exist; use {', '.join(MACHINES)}")
-    HostMachine(folder)  # reports errors of the compiler at once
+    HostMachine(folder)  # compiles the code now, so that compiler errors are reported here
 
     class Controller(ExportedController):
         pass

@@ -20,10 +20,10 @@ from drake_quad.scenario.batch import Batch
 
 # Simulated time between two checks for crashes in uncompiled diagrams, s. Progress is reported at the same interval.
 _CHECK_INTERVAL = 1.0
-# Number of ticks between two checks for crashes in compiled diagrams, for fleets and for a single vehicle. A single
-# event simulates all these ticks, so that Drake's overhead is negligible.
-_TICKS_BETWEEN_CHECKS_OF_FLEET = 100
-_TICKS_BETWEEN_CHECKS_OF_SINGLE_VEHICLE = 500
+# Number of ticks between two checks for crashes in compiled diagrams, for fleets and for a single vehicle. One event
+# simulates all these ticks, so that Drake's overhead is negligible.
+_FLEET_CHECK_TICKS = 100
+_SINGLE_VEHICLE_CHECK_TICKS = 500
 
 
 class FleetSimulation(ABC):
@@ -31,7 +31,7 @@ class FleetSimulation(ABC):
 
     Args:
         diagram: diagram to simulate.
-        stride: interval between checks for crashes, s.
+        check_interval: simulated time between two checks for crashes, s.
         jumps: times at which the forces on the vehicles are discontinuous, s; see `jump_times`.
 
     Attributes:
@@ -41,8 +41,8 @@ class FleetSimulation(ABC):
 
     compiled: bool
 
-    def __init__(self, diagram: Diagram, stride: float, jumps: Sequence[float] = ()) -> None:
-        self.simulator, self._stride, self._jumps = Simulator(diagram), stride, jumps
+    def __init__(self, diagram: Diagram, check_interval: float, jumps: Sequence[float] = ()) -> None:
+        self.simulator, self._check_interval, self._jumps = Simulator(diagram), check_interval, jumps
 
     def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
         """Simulate from time zero to a duration, or until every vehicle has crashed.
@@ -51,7 +51,7 @@ class FleetSimulation(ABC):
             duration: duration of the flight, s.
             progress: function that is called repeatedly with the simulated time and the duration, s.
         """
-        fly(self.simulator, duration, stride=self._stride, jumps=self._jumps, progress=progress)
+        fly(self.simulator, duration, check_interval=self._check_interval, jumps=self._jumps, progress=progress)
 
     @abstractmethod
     def reset(self, batch: Batch) -> None:
@@ -59,16 +59,16 @@ class FleetSimulation(ABC):
 
     def metrics(self) -> Metrics:
         """Return the metrics up to the current time, (N,) arrays."""
-        return read_metrics(*self._wired_now())
+        return read_metrics(*self._current_wired_context())
 
     def obstacle_hit(self) -> np.ndarray:
-        """Return the (N,) numbers of the obstacles that the vehicles crashed into, from 1 on; 0 without a collision."""
-        diagram, context = self._wired_now()
+        """Return the (N,) numbers of the obstacles that the vehicles hit, counted from 1; 0 for no collision."""
+        diagram, context = self._current_wired_context()
         monitor = diagram.GetSubsystemByName("monitor")
         return monitor.obstacle_hit(monitor.GetMyContextFromRoot(context))
 
     @abstractmethod
-    def _wired_now(self) -> tuple[Diagram, Context]:
+    def _current_wired_context(self) -> tuple[Diagram, Context]:
         """Return the uncompiled diagram, and its context with the current state."""
 
     @abstractmethod
@@ -102,7 +102,7 @@ class WiredSimulation(FleetSimulation):
             clear_recorder(self._diagram.GetSubsystemByName("recorder"), context)
         self.simulator.Initialize()
 
-    def _wired_now(self) -> tuple[Diagram, Context]:
+    def _current_wired_context(self) -> tuple[Diagram, Context]:
         return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -134,7 +134,7 @@ class CompiledSimulation(FleetSimulation):
         # copied back.
         self._wired = build_fleet_diagram(batch, plan, user_systems=self._user_systems)
         self._wired_context = self._wired.CreateDefaultContext()
-        ticks = _TICKS_BETWEEN_CHECKS_OF_SINGLE_VEHICLE if len(batch) == 1 else _TICKS_BETWEEN_CHECKS_OF_FLEET
+        ticks = _SINGLE_VEHICLE_CHECK_TICKS if len(batch) == 1 else _FLEET_CHECK_TICKS
         # Flights end and are recorded at control ticks. The control period is given explicitly, because other parts of
         # the diagram may have longer periods.
         tick = batch.scenario.laboratory.command_link.period
@@ -156,7 +156,7 @@ class CompiledSimulation(FleetSimulation):
         self._compiled.read(self._part_of(context), self._wired_context)
         self.simulator.Initialize()
 
-    def _wired_now(self) -> tuple[Diagram, Context]:
+    def _current_wired_context(self) -> tuple[Diagram, Context]:
         self._compiled.write(self._part_of(self.simulator.get_mutable_context()), self._wired_context)
         return self._wired, self._wired_context
 
@@ -193,26 +193,27 @@ def fly(
     simulator: Simulator,
     duration: float,
     *,
-    stride: float = _CHECK_INTERVAL,
+    check_interval: float = _CHECK_INTERVAL,
     jumps: Sequence[float] = (),
     progress: Callable[[float, float], None] | None = None,
 ) -> None:
-    """Advance a tracking diagram from time zero to a duration, or until every vehicle has crashed.
+    """Simulate a fleet diagram from time zero to a duration, or until every vehicle has crashed.
 
     Args:
         simulator: simulator of the diagram.
         duration: duration of the flight, s.
-        stride: interval at which crashes are checked and progress is reported, s.
+        check_interval: simulated time between two checks for crashes, after each of which progress is reported, s.
         jumps: times at which the forces on vehicles with a continuous state are discontinuous, s; see `jump_times`.
-        progress: function that is called after each stride with the simulated time and the duration, s.
+        progress: function that is called after each check with the simulated time and the duration, s.
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
-    # A step must not contain a jump of the forces, so one step ends just before each jump and another at the jump.
+    # An integration step must not contain a jump of the forces. One step therefore ends just before each jump, and the
+    # next step ends at the jump.
     stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():
-        time = min(time + stride, duration, *[stop for stop in stops if stop > time])
+        time = min(time + check_interval, duration, *[stop for stop in stops if stop > time])
         simulator.AdvanceTo(time)
         if progress is not None:
             progress(time, duration)
@@ -220,6 +221,6 @@ def fly(
 
 
 def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """Return the metrics of all vehicles in a tracking diagram up to the current time, (N,) arrays."""
+    """Return the metrics of all vehicles in a fleet diagram up to the current time, (N,) arrays."""
     monitor = diagram.GetSubsystemByName("monitor")
     return monitor.metrics(monitor.GetMyContextFromRoot(context))

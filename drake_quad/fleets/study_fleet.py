@@ -33,7 +33,7 @@ class StudyFleet:
         simulation: simulation of the fleet, which records signals if a metric of the scenario needs them.
 
     Raises:
-        InputError: if the route contains a distribution, the rotors cannot fly it, the vehicle has no time step, or the
+        InputError: if the route contains a distribution, the rotors cannot fly it, `vehicle.time_step` is 0, or the
             fleet does not fit into memory.
     """
 
@@ -47,10 +47,11 @@ class StudyFleet:
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
-            # With a continuous state, the integrator chooses its steps for all vehicles together, so a flight would
-            # depend on the other vehicles.
+            # With a continuous state, the integrator chooses the same steps for all vehicles, so a flight would depend
+            # on the other vehicles.
             raise InputError(
-                "vehicle.time_step is 0; it must be positive, so that the flight of a sample is the same in any fleet"
+                "vehicle.time_step is 0; it must be positive, so that a sample does not depend on the other vehicles of"
+                " the fleet"
             )
         check_fleet_fits(num_vehicles, "num_vehicles")
         self.scenario, self.num_vehicles = scenario, num_vehicles
@@ -72,7 +73,7 @@ class StudyFleet:
 
         Args:
             samples: indices of the n samples, at least one.
-            duration: time at which the simulation stops, s; the end of the flight if not given.
+            duration: time at which the simulation stops, s. By default, the end of the flight.
             progress: function that is called repeatedly with the simulated time and the total time, s.
 
         Raises:
@@ -98,5 +99,5 @@ class StudyFleet:
         return self.simulation.metrics().take(slice(len(batch)))
 
     def obstacle_hit(self) -> np.ndarray:
-        """Return the (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 without a collision."""
+        """Return the (N,) numbers of the obstacles that the vehicles hit, counted from 1; 0 for no collision."""
         return self.simulation.obstacle_hit()

@@ -92,7 +92,7 @@ class Flight(Mapping[str, np.ndarray]):
         return layout_of(SIGNALS[name], rows).build(rows)
 
     def columns(self) -> dict[str, tuple[Quantity, np.ndarray]]:
-        """Return the quantity and the (ticks,) values of each row of each signal, under the name `signal.row`."""
+        """Return the quantity and the (ticks,) values of each row of each signal, keyed by the name `signal.row`."""
         return {
             f"{name}.{row}": (quantity, values[:, i])
             for name, values in self.signals.items()
@@ -145,7 +145,7 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def euclidean_error(self) -> np.ndarray:
-        """(ticks,) distance of the vehicle to the reference, m."""
+        """(ticks,) distance of the vehicle from the reference, m."""
         reference, state = self.record("reference"), self.record("state")
         return np.hypot(np.hypot(reference.x - state.x, reference.y - state.y), reference.z - state.z)
 
@@ -170,8 +170,8 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED_KEY: np.array(self.compiled)}
-            words = {_OBSTACLE_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
-            arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
+            texts = {_OBSTACLE_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
+            arrays |= {name: np.array(text, dtype=str) for name, text in texts.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
@@ -241,7 +241,7 @@ def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
 
 
 def _plan_of(arrays: Mapping[str, np.ndarray]) -> Plan:
-    """Return the plan from the arrays of `_arrays_of`."""
+    """Return the plan whose arrays `_arrays_of` returned."""
     path, yaw = (
         PolynomialPath(*(arrays[f"{_PLAN_PREFIX}{part}.{name}"] for name in PolynomialPath._fields))
         for part in ("path", "yaw")

@@ -1,9 +1,9 @@
 """Prediction of the position error in hover, by simulation with wind and noise.
 
 Flights in hover are simulated in the laboratory of the scenario, including lost frames and packets. A linear model
-(`drake_quad.linear.hover_covariance`) omits these losses and nonlinear effects, in which one noise multiplies another.
-Together they cause most of the error in weak wind. Flights are simulated until the confidence interval of the RMS error
-is narrow enough. This takes about a second for most controllers.
+(`drake_quad.linear.hover_covariance`) omits these losses, and the nonlinear effects of products of noise signals.
+Losses and nonlinear effects together cause most of the error in weak wind. Flights are simulated until the confidence
+interval of the RMS error is narrow enough. This takes about a second for most controllers.
 """
 
 import math
@@ -33,9 +33,9 @@ HOVER_TIME = 40.0
 """Duration of a flight in hover, s."""
 
 _FLEET_SIZE = 64  # number of flights that are simulated at once
-_MAX_NUM_FLIGHTS = 1024  # limit on the number of flights, reached if the intervals remain wide
-# Flights are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
-# RMS error, and an absolute one for axes whose only errors are rounding errors.
+_MAX_NUM_FLIGHTS = 1024  # no more flights are simulated, even if the intervals are still too wide
+# Flights are simulated until the half-width of each 95 % interval is below one of two limits: a limit relative to the
+# RMS error, and an absolute limit for axes whose only errors are rounding errors.
 _RELATIVE_PRECISION = 0.05
 _ABSOLUTE_PRECISION = 1e-7  # m
 # The seed is fixed, so that a plan does not depend on the seed of a study.
@@ -66,8 +66,8 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
     """Simulate the true vehicle in hover and return its RMS error between `SETTLING_TIME` and `HOVER_TIME`.
 
     The vehicle hovers at the position of the scenario's route if the route is of kind `hover`, else at (0, 0, 1). Winds
-    that change with time, the battery and rotor failures are omitted. A controller that adapts may have another error
-    after `HOVER_TIME`.
+    that depend on time, the battery and rotor failures are omitted. The error of an adaptive controller may still
+    change after `HOVER_TIME`.
 
     Args:
         scenario: scenario without distributions.
@@ -82,10 +82,10 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
     while True:
         num_flown = squares.shape[1]
         metrics = fleet.fly(range(num_flown, num_flown + _FLEET_SIZE))
-        _refuse_crashes(scenario, metrics)
+        _check_no_crash(scenario, metrics)
         errors = metrics.rmse_x, metrics.rmse_y, metrics.rmse_z, metrics.rmse
         squares = np.concatenate([squares, np.square(errors)], axis=1)
-        intervals = [_root_of_mean(each) for each in squares]
+        intervals = [_rms_interval(each) for each in squares]
         if all(map(_is_precise, intervals)) or squares.shape[1] >= _MAX_NUM_FLIGHTS:
             x, y, z, rms = intervals
             return HoverError(x, y, z, rms, squares.shape[1])
@@ -95,8 +95,8 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
     """Return the `hover_error` of the nominal vehicle in the wind of a scenario.
 
     A planner can use this error, since it does not depend on the unknown true vehicle. If a wind depends on the
-    position, the result is the largest error among flights in hover at points along the route. For this purpose the
-    route is planned without obstacles.
+    position, the vehicle hovers at several points along the route, and the largest error is returned. These points are
+    on a route that is planned without obstacles.
 
     Raises:
         InputError: if `hover_error` raises it, or if a wind depends on time.
@@ -104,8 +104,8 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
     for number, source in enumerate(scenario.laboratory.wind):
         if source.depends_on_time:
             raise InputError(
-                f"laboratory.wind.{number} is a {source.kind}, which depends on time; the error can be predicted only"
-                " for steady wind and turbulence"
+                f"laboratory.wind.{number} is a {source.kind}, which depends on time; the tracking error can be"
+                " predicted only for steady wind and turbulence"
             )
     nominal = with_nominal_vehicle(scenario).model_copy(update={"space": None})
     points = [np.array(HoverRoute(kind="hover").position)]
@@ -120,14 +120,14 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
 def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
     """Return the scenario with a route of kind `hover` and with metrics that begin at `SETTLING_TIME`."""
     hovering = in_hover(scenario)
-    # Fleets need a time step. The shortest period of the scenario is compatible with all other periods, and RK4 is
-    # accurate enough with it.
+    # The simulation of a fleet needs a time step. The shortest period of the scenario is compatible with all other
+    # periods, and is short enough for an accurate Runge-Kutta step.
     time_step = hovering.vehicle.time_step or min(hovering.periods.values())
     timing = {"route.duration": HOVER_TIME, "vehicle.time_step": time_step, "seed": seed}
     return with_values(hovering, {**timing, "metrics": MetricWindow(start=SETTLING_TIME)})
 
 
-def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
+def _check_no_crash(scenario: Scenario, metrics: Metrics) -> None:
     crashed = metrics.crashed
     if crashed.any():
         raise InputError(
@@ -136,7 +136,7 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
         )
 
 
-def _root_of_mean(squares: np.ndarray) -> Interval:
+def _rms_interval(squares: np.ndarray) -> Interval:
     """Return the RMS error and its confidence interval, given the mean squared errors (n,) of independent flights."""
     return Interval(*(math.sqrt(end) for end in without_negative_part(mean_interval(squares))))
 

@@ -23,7 +23,7 @@ from drake_quad.scenario.routes.route import PlannedRoute
 from drake_quad.space.space import Space
 
 _MAX_OBSTACLE_PLANS = 16  # largest number of cached plans
-# Cache of plans around obstacles. The key is the part of the scenario on which the plan depends, as JSON.
+# Cache of plans around obstacles. The key is the JSON text of the fields on which the plan depends.
 _obstacle_plans: "ThreadSafeCache[PlannedRoute]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
 
 
@@ -40,11 +40,15 @@ def plan_route(mission: Mission) -> Plan:
 def plan_route_with_problem(mission: Mission) -> PlannedRoute:
     """Return the plan for the route of a scenario, and the planning problem that this plan solves.
 
-    Planning around obstacles takes seconds, so these plans are cached. The function raises the errors of `plan_route`.
+    Planning around obstacles takes seconds, so these plans are cached.
+
+    Raises:
+        InputError: under the same conditions as in `plan_route`.
     """
     if mission.space is None:
         return plan_route_in_space(mission, None)
-    # Fields of the scenario that are not part of `Mission` affect the plan only through the predicted tracking error.
+    # The plan depends on the fields of `Mission`. If the clearance includes a predicted tracking error, the plan
+    # depends on all fields of the scenario, because the prediction does.
     key_fields = None if mission.space.tracking_error_factor else set(Mission.model_fields)
 
     def make() -> PlannedRoute:
@@ -70,8 +74,8 @@ def build_tracking_diagram(
     Vehicle i flies with the wind and noise of sample s + i, where s is the scenario's `sample`, or 0 if it has none.
 
     The subsystems are `reference`, `control`, `laboratory`, `monitor` and, if requested, `recorder`. The diagram
-    exports the signals of the loop under their names. In the default context the vehicles hover at the first point of
-    the reference.
+    exports the signals of the loop under their names. In the default context, the vehicles have the initial state of
+    the scenario: unless `initial` is given, they hover at the first point of the reference.
 
     Args:
         scenario: scenario without distributions.
@@ -89,7 +93,7 @@ def build_tracking_diagram(
         plan: plan to fly; by default the plan for the scenario's route.
         record: True to add a recorder of all signals, sampled at every control tick.
         drake_random: True to connect wind and noise to Drake's random sources, for Drake's Monte Carlo tools, instead
-            of the streams of the samples.
+            of the random numbers of the samples.
 
     Raises:
         InputError: if the scenario contains a distribution, the rotors cannot fly the route, the ports of a given
@@ -135,7 +139,8 @@ def build_laboratory_diagram(
         scenario: scenario without distributions.
         num_vehicles: number N of vehicles.
         plan: plan at whose first point the vehicles hover at time 0; by default the plan for the scenario's route.
-        drake_random: True to connect wind and noise to Drake's random sources instead of the streams of the samples.
+        drake_random: True to connect wind and noise to Drake's random sources instead of the random numbers of the
+            samples.
 
     Raises:
         InputError: under the same conditions as in `build_tracking_diagram`.
@@ -185,19 +190,19 @@ def _recipes(batch: Batch, plan: Plan | None) -> dict[str, Recipe]:
 
 
 def planning_space(mission: Mission) -> Space | None:
-    """Return the space around which a route is planned; None if the mission has no space.
+    """Return the obstacles, bounds and clearances for planning a route; None if the mission has no `space`.
 
-    If `space.tracking_error_factor` is not zero, the tracking error that this factor multiplies is predicted first.
+    If `space.tracking_error_factor` is not zero, the clearance includes this factor times a predicted tracking error.
 
     Raises:
-        InputError: if the prediction is not possible, see `nominal_tracking_error`.
+        InputError: if the tracking error cannot be predicted; see `nominal_tracking_error`.
     """
     if mission.space is None or not mission.space.tracking_error_factor:
         return mission.flight_space()
     if not isinstance(mission, Scenario):
         raise InputError(
-            "space.tracking_error_factor multiplies a predicted tracking error; the prediction requires a scenario with"
-            " laboratory and control"
+            "space.tracking_error_factor multiplies a predicted tracking error, which requires a scenario with"
+            " laboratory and control; set the factor to 0, or plan the route of a complete scenario"
         )
     try:
         predicted = nominal_tracking_error(mission)

@@ -22,15 +22,15 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, join_path, leaves, mappings_in
 from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 
-# A field of the flown vehicle is reported if it differs from the nominal value by more than both of these limits. The
-# relative limit is larger than the error of any scale or data sheet. The other limit is a multiple of the standard
-# deviation of the flown value.
+# A field of the flown vehicle is reported if it differs from the nominal value by more than two limits: a fraction of
+# the nominal value, which is larger than the error of any scale or data sheet, and a multiple of the standard deviation
+# of the field.
 _MIN_RELATIVE_DIFFERENCE = 0.2
 _MIN_NUM_SIGMAS = 5.0
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
-_MAX_CHANGE_LENGTH = 120  # largest length of a text with the path of a field, its old value and its new value
+_MAX_CHANGE_LENGTH = 120  # largest number of characters that describe the change of one field
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal random variable is more than one standard deviation below its mean.
@@ -59,7 +59,7 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
 
 
 class _PlannedFlight:
-    """Scenario and its plan, which is computed when it is first needed.
+    """Scenario and its plan, which is computed only when it is needed.
 
     Args:
         scenario: scenario to fly.
@@ -96,11 +96,11 @@ class _PlannedFlight:
 def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
     """Return a remark on each controller whose flight conditions differ from the conditions of the first controller.
 
-    The conditions are all fields of a scenario except for `control` and the `nominal` vehicle, which belongs to the
-    design of a controller.
+    The conditions are all fields of a scenario except for `control` and `nominal`. The nominal vehicle is not a
+    condition of the flight, since it is the model that the controller assumes.
 
     Args:
-        scenarios: scenarios by the names of their controllers.
+        scenarios: scenarios, keyed by the names of their controllers.
     """
     (first, expected), *others = ((name, _conditions(scenario)) for name, scenario in scenarios.items())
     remarks = []
@@ -114,12 +114,14 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
 
 
 def replaced_distributions(before: Scenario, after: Scenario, *, ignored: tuple[str, ...] = ()) -> str:
-    """Return a text that lists the distributions which a changed scenario no longer draws; empty if it draws all.
+    """Return a text that lists the random fields of a scenario that are no longer random after a change.
+
+    The text is empty if all random fields are still random.
 
     Args:
         before: scenario with the distributions.
         after: changed scenario, for example with another controller.
-        ignored: paths that are left out, with all fields in them.
+        ignored: paths of mappings whose fields are left out.
     """
     drawn, values = distributions_in(after), dict(leaves(after))
     replaced = [
@@ -142,7 +144,7 @@ def _mixed_vehicles(scenario: Scenario) -> list[str]:
     """Return a remark if the flown vehicle differs strongly from the nominal one, which the controllers assume."""
     differences = [
         f"{name} {_median(actual):.4g}{unit} (nominal {nominal_value:.4g})"
-        for name, nominal_value, actual, unit in _airframes(scenario)
+        for name, nominal_value, actual, unit in _compared_quantities(scenario)
         if abs(_median(actual) - nominal_value)
         > max(_MIN_RELATIVE_DIFFERENCE * nominal_value, _MIN_NUM_SIGMAS * _deviation(actual))
     ]
@@ -189,8 +191,8 @@ def _rotor_differences(scenario: Scenario) -> list[str]:
     return differences
 
 
-def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
-    """Yield the name, nominal value, flown value and unit of each compared quantity."""
+def _compared_quantities(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
+    """Yield the name, nominal value, flown value and unit of each quantity that `_mixed_vehicles` compares."""
     for path in _COMPARED_FIELDS:
         name, _, item = path.partition(".")
         values = [getattr(part, name) for part in (scenario.nominal, scenario.vehicle)]
@@ -205,16 +207,16 @@ def _median(value: Any) -> float:
 
 
 def _deviation(value: Any) -> float:
-    """Return half the width of the central 68.3 % interval; a normal distribution has this standard deviation."""
+    """Return half the width of the central 68.3 % interval, which is the standard deviation if the value is normal."""
     if not isinstance(value, Distribution):
         return 0.0
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
 
 
 def _implausible_values(scenario: Scenario) -> list[str]:
-    """Return a remark, in the form of a question, on each value that has probably been given in another unit."""
+    """Return a remark on each value that was probably given in another unit."""
     tick = scenario.laboratory.command_link.period
-    questions: dict[str, str] = {}
+    clauses: dict[str, str] = {}
     for path, mapping in mappings_in(scenario):
         period = getattr(mapping, "period", None) or tick
         found = {
@@ -225,18 +227,18 @@ def _implausible_values(scenario: Scenario) -> list[str]:
             for leaf_path, leaf in leaves(getattr(mapping, name), name)
             if (clause := condition.explain_implausibility(leaf, period))
         }
-        # A mapping with an implausible field is also implausible as a whole.
-        questions |= found or {join_path(path, inner): clause for inner, clause in mapping.implausible_fields()}
-    # Fields that `vehicle` does not set have the values of `nominal`.
+        # The combination of fields is checked only if each field by itself is plausible.
+        clauses |= found or {join_path(path, inner): clause for inner, clause in mapping.implausible_fields()}
+    # If `vehicle` has an implausible value of `nominal`, only the remark on `nominal` is returned.
     return [
         f"{path} {clause}"
-        for path, clause in questions.items()
-        if not (path.startswith("vehicle.") and questions.get(f"nominal.{path.removeprefix('vehicle.')}") == clause)
+        for path, clause in clauses.items()
+        if not (path.startswith("vehicle.") and clauses.get(f"nominal.{path.removeprefix('vehicle.')}") == clause)
     ]
 
 
 def _inactive_settings(flight: _PlannedFlight) -> list[str]:
-    """Return one remark for each reason why settings have no effect; it lists these settings."""
+    """Return a list of remarks, each of which lists the settings that have no effect for one reason."""
     paths: dict[str, list[str]] = {}
     inactive: list[str] = []
     for path, mapping in mappings_in(flight.scenario):
@@ -252,7 +254,7 @@ def _inactive_settings(flight: _PlannedFlight) -> list[str]:
 
 
 def _certain_crashes(flight: _PlannedFlight) -> Iterator[str]:
-    """Yield a remark on each limit of `crash` that the flight exceeds from its beginning, or on its reference."""
+    """Yield a remark on each limit of `crash` that the initial state or the reference exceeds."""
     crash, initial = flight.scenario.crash, flight.scenario.initial
     if -math.inf < flight.lowest_height <= crash.height:
         yield (

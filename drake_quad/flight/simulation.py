@@ -28,7 +28,7 @@ _MAX_INTEGRATOR_STEP = 0.1
 # Smallest step of the integrator for a continuous state, s. With steps of this length, simulating one second of a
 # flight takes 15 seconds.
 _MIN_INTEGRATOR_STEP = 1e-5
-# Text in Drake's exception if the integration requires a smaller step.
+# Part of the message of Drake's exception if the integration requires a smaller step.
 _STEP_ERROR_TEXT = "smaller than minimum allowed"
 
 
@@ -88,7 +88,7 @@ def simulate(
         compiled = _is_compiled_by_default(drawn) and not user_systems.specified and prepare is None
     simulation = simulate_fleet(batch, plan, user_systems=user_systems, record=True, compiled=compiled)
     simulator = simulation.simulator
-    # The integrator simulates a continuous state. A vehicle with a time step does not use it.
+    # The integrator is used only if the vehicle has a continuous state.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_INTEGRATOR_STEP)
     integrator.set_target_accuracy(_INTEGRATOR_ACCURACY)
     integrator.set_requested_minimum_step_size(_MIN_INTEGRATOR_STEP)
@@ -133,7 +133,9 @@ def simulate_samples(
 
 
 def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
-    """Simulate a batch and record all signals, a few megabytes per vehicle for half a minute of flight.
+    """Simulate a batch and record all signals.
+
+    The signals of half a minute of flight take a few megabytes per vehicle.
 
     Args:
         batch: batch of samples.
@@ -194,7 +196,7 @@ def collect_flights(
 
 
 def _checked_metric(name: str, metric: Metric, value: Any) -> float:
-    """Return the value of a metric of a recorded flight.
+    """Check the value of a metric of a recorded flight, and return it as a float.
 
     Raises:
         InputError: if the value is not a number, or outside the range that the metric's definition states.
@@ -208,7 +210,10 @@ def _checked_metric(name: str, metric: Metric, value: Any) -> float:
 def fly_with_metrics(
     fleet: StudyFleet, batch: Batch, progress: Callable[[float, float], None] | None = None
 ) -> Metrics:
-    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, including those of recorded flights."""
+    """Fly a batch and return all metrics of its n vehicles as (n,) arrays.
+
+    The result includes metrics that are functions of a recorded flight.
+    """
     metrics = fleet.fly_batch(batch, progress=progress)
     if not recorded_metrics(type(metrics)):
         return metrics

@@ -221,9 +221,9 @@ def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
 def _function(approximation: _Formula) -> _Formula:
     """Decorate the approximation of an elementary function.
 
-    If the listing to which the arguments belong records calls (see `Listing.calls_functions`), one call is recorded
-    instead of the operations of the approximation. The name of the called function consists of the formula's name and
-    the names of the options that are true.
+    If `calls_functions` is set in the listing of the arguments, the decorated function records a call instead of the
+    operations of the approximation. The name of the called function consists of the formula's name and the names of the
+    options that are true.
     """
 
     @functools.wraps(approximation)
@@ -269,15 +269,13 @@ def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
     cosine = multiply_add(z * z, polynomial(z, _COSINE_COEFFICIENTS), multiply_add(z, -0.5, 1.0))
     odd = _is_negative(bits << _SIGN_SHIFT)
     # Sines are negative in the third and fourth quadrant, cosines in the second and third.
-    sine_sign, cosine_sign = bits << _BELOW_SIGN_SHIFT, (bits + _ONE_BIT) << _BELOW_SIGN_SHIFT
-    return _negated_if_set(select(odd, cosine, sine), sine_sign), _negated_if_set(
-        select(odd, sine, cosine), cosine_sign
-    )
+    sine_flag, cosine_flag = bits << _BELOW_SIGN_SHIFT, (bits + _ONE_BIT) << _BELOW_SIGN_SHIFT
+    return _flip_sign(select(odd, cosine, sine), sine_flag), _flip_sign(select(odd, sine, cosine), cosine_flag)
 
 
-def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
-    """Return x, with opposite sign where the highest bit of a 64-bit word is set."""
-    return _number_of(float_bits(x) ^ (sign & _SIGN_MASK))
+def _flip_sign(x: Symbol, flag: Symbol) -> Symbol:
+    """Return x with its sign flipped where the highest bit of the 64-bit word `flag` is set."""
+    return _number_of(float_bits(x) ^ (flag & _SIGN_MASK))
 
 
 @_function
@@ -296,19 +294,19 @@ def exp(x: Symbol) -> Symbol:
 @_function
 def tanh(x: Symbol) -> Symbol:
     """Return the hyperbolic tangent of x."""
-    size = abs(x)
-    large = 1.0 - 2.0 / (exp(2.0 * size) + 1.0)
-    return select(size < _MAX_SMALL_TANH_ARGUMENT, _odd(x, _TANH_COEFFICIENTS), copysign(large, x))
+    magnitude = abs(x)
+    large = 1.0 - 2.0 / (exp(2.0 * magnitude) + 1.0)
+    return select(magnitude < _MAX_SMALL_TANH_ARGUMENT, _odd(x, _TANH_COEFFICIENTS), copysign(large, x))
 
 
 @_function
 def erf(x: Symbol) -> Symbol:
     """Return the error function of x."""
-    size, z = abs(x), x * x
-    clamped = select(size > _MAX_ERF_ARGUMENT, _MAX_ERF_ARGUMENT, size)
+    magnitude, z = abs(x), x * x
+    clamped = select(magnitude > _MAX_ERF_ARGUMENT, _MAX_ERF_ARGUMENT, magnitude)
     large = 1.0 - exp(-(clamped * clamped)) * polynomial(14.4 / (clamped + 3.0) - 2.6, _ERFC_COEFFICIENTS)
     small = multiply_add(x, multiply_add(z, polynomial(z, _ERF_COEFFICIENTS), _ERF_SLOPE_MINUS_ONE), x)
-    return select(size < 1.0, small, copysign(large, x))
+    return select(magnitude < 1.0, small, copysign(large, x))
 
 
 @_function

@@ -39,12 +39,12 @@ class _Template(NamedTuple):
     Attributes:
         text: text with a placeholder for each operand. {f} is the suffix of functions of `math.h`.
         precedence: precedence of the operator.
-        limits: smallest precedence of each operand that needs no parentheses.
+        min_precedences: for each operand, the smallest precedence at which it needs no parentheses.
     """
 
     text: str
     precedence: int
-    limits: tuple[int, ...]
+    min_precedences: tuple[int, ...]
 
 
 # Precedences of expressions in C. The operator with the larger precedence binds more tightly.
@@ -53,7 +53,7 @@ _UNARY_PRECEDENCE = 15  # precedence of a unary operator
 _LOWEST_PRECEDENCE = 0  # precedence below that of every operator, so that an operand never needs parentheses
 
 
-def _call(text: str, operands: int = 1) -> _Template:
+def _function_call(text: str, operands: int = 1) -> _Template:
     return _Template(text, _ATOM_PRECEDENCE, (_LOWEST_PRECEDENCE,) * operands)
 
 
@@ -74,11 +74,11 @@ EXPRESSIONS = {
     "multiply": _left_associative("*", 13),
     "divide": _left_associative("/", 13),
     "negative": _Template("-{0}", _UNARY_PRECEDENCE, (_ATOM_PRECEDENCE,)),
-    "absolute": _call("fabs{f}({0})"),
-    "square_root": _call("sqrt{f}({0})"),
-    "nearest": _call("rint{f}({0})"),
-    "multiply_add": _call("multiply_add({0}, {1}, {2})", 3),
-    "copy_sign": _call("copysign{f}({0}, {1})", 2),
+    "absolute": _function_call("fabs{f}({0})"),
+    "square_root": _function_call("sqrt{f}({0})"),
+    "nearest": _function_call("rint{f}({0})"),
+    "multiply_add": _function_call("multiply_add({0}, {1}, {2})", 3),
+    "copy_sign": _function_call("copysign{f}({0}, {1})", 2),
     "less": _left_associative("<", 10),
     "less_equal": _left_associative("<=", 10),
     "greater": _left_associative(">", 10),
@@ -86,10 +86,10 @@ EXPRESSIONS = {
     "equal": _left_associative("==", 9),
     "not_equal": _left_associative("!=", 9),
     "select": _Template("{0} ? {1} : {2}", 3, (9, 4, 4)),
-    "float_bits": _call("float_bits({0})"),
-    "number_of": _call("number_of({0})"),
+    "float_bits": _function_call("float_bits({0})"),
+    "number_of": _function_call("number_of({0})"),
     "sign_bit": _Template("{0} >> 63 != 0", 9, (_UNARY_PRECEDENCE,)),
-    "word_of_truth": _call("(uint64_t)({0})"),
+    "word_of_truth": _function_call("(uint64_t)({0})"),
     "truth_of_word": _Template("({0} & 1) != 0", 9, (_UNARY_PRECEDENCE,)),
 }
 # C expressions for those operations that are written differently for 64-bit words and booleans than for numbers.
@@ -169,7 +169,7 @@ static double multiply_add(double x, double y, double z)
     if (!(size < 1e290 && fabs(z) < 1e290 && fabs(x) < 1e290 && fabs(y) < 1e290))
         return product + z;
     if (size < 1e-270) {
-        /* The error of a tiny product is no number, so all numbers are scaled by a power of two. */
+        /* The rounding error of a tiny product can underflow, so the operands are scaled by a power of two. */
         if (x == 0.0 || y == 0.0 || fabs(z) > 1e-240)
             return product + z;
         const double scale = 1.3407807929942597e154;
@@ -392,7 +392,7 @@ def _table(head: str, rows: Sequence[Sequence[float]], precision: Precision) -> 
 
 
 def identifier(name: str) -> str:
-    """Return a name with all characters replaced that C does not allow, and different from all reserved words."""
+    """Return a valid C identifier for a name: invalid characters become underscores, reserved words get a suffix."""
     name = re.sub(r"\W", "_", name, flags=re.ASCII)
     name = name if name[:1].isalpha() or name[:1] == "_" else f"_{name}"
     return f"{name}_" if name in _RESERVED else name
@@ -458,8 +458,8 @@ class Body:
         operation = self._operations[line]
         if operation.name in LEAVES:
             return self._leaf(line)
-        if operation.inside is not None:
-            return self._called(line)
+        if operation.called_part is not None:
+            return self._call_result(line)
         operands = [self._expressions[operand] for operand in operation.operands]
         if operation.name == "multiply" and self._one in operands:
             # A multiplication by one is omitted.
@@ -467,8 +467,8 @@ class Body:
         self.num_operations += 1
         template = self._template(line)
         texts = [
-            text if precedence >= limit else f"({text})"
-            for (text, precedence), limit in zip(operands, template.limits, strict=True)
+            text if precedence >= min_precedence else f"({text})"
+            for (text, precedence), min_precedence in zip(operands, template.min_precedences, strict=True)
         ]
         text = template.text.format(*texts, f=self._functions.precision.suffix)
         return self._inlined_or_assigned(line, Expression(text, template.precedence))
@@ -515,12 +515,12 @@ class Body:
         self._taken.add(name)
         return name
 
-    def _called(self, line: int) -> Expression:
-        """Return the expression for a result of a call of a branch, layer or function."""
+    def _call_result(self, line: int) -> Expression:
+        """Return the expression for one result of a branch, layer or function, and append its call if necessary."""
         operation = self._operations[line]
-        assert operation.inside is not None
+        assert operation.called_part is not None
         assert operation.kind is not SymbolKind.WORD, "arrays of results contain numbers"
-        part, index = operation.inside
+        part, index = operation.called_part
         if isinstance(part, Function):
             names = self._functions.elementary(part)
             arguments = ", ".join(self._expressions[operand].text for operand in operation.operands)
@@ -532,10 +532,10 @@ class Body:
                 return self._inlined_or_assigned(line, Expression(f"{names}({arguments})", _ATOM_PRECEDENCE))
         key = part, operation.operands
         if key not in self._arrays:
-            self._arrays[key] = self._call(part, operation.operands)
+            self._arrays[key] = self._append_call(part, operation.operands)
         return self._inlined_or_assigned(line, Expression(f"{self._arrays[key]}[{index}]", _ATOM_PRECEDENCE))
 
-    def _call(self, part: Branch | SymbolLayer | Function, operands: tuple[int, ...]) -> str:
+    def _append_call(self, part: Branch | SymbolLayer | Function, operands: tuple[int, ...]) -> str:
         """Append a call with several results, and return the name of the array of its results."""
         real = self._functions.precision.real
         texts = [self._expressions[operand].text for operand in operands]

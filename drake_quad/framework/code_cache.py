@@ -101,11 +101,14 @@ def cache_folder() -> Path | None:
         path, or the user has no home directory. Relative paths in other environment variables are ignored, as the XDG
         Base Directory Specification requires.
     """
-    named = os.environ.get("DRAKE_QUAD_CACHE")
-    if named is not None:
-        if named and not Path(named).is_absolute():
-            _warn_once(f"DRAKE_QUAD_CACHE is {named!r}, so machine code is not cached; set it to an absolute path")
-        return _absolute(named)
+    setting = os.environ.get("DRAKE_QUAD_CACHE")
+    if setting is not None:
+        if setting and not Path(setting).is_absolute():
+            _warn_once(
+                f"DRAKE_QUAD_CACHE is {setting!r}, so machine code and results are not cached; set it to an"
+                " absolute path"
+            )
+        return _absolute(setting)
     try:
         home = _absolute(str(Path.home()))
     except RuntimeError:
@@ -147,8 +150,8 @@ def _is_trusted(folder: Path) -> bool:
         return False
     if not _is_private(status):
         _warn_once(
-            f"{folder} belongs to another user or is writable by others, so machine code is not cached there; make"
-            " the folder private, or set DRAKE_QUAD_CACHE to another folder"
+            f"{folder} belongs to another user or is writable by others, so machine code and results are not cached"
+            " there; make the folder private, or set DRAKE_QUAD_CACHE to another folder"
         )
         return False
     return True

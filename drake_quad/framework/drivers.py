@@ -68,8 +68,8 @@ class Driver:
     def loop(self, counter: str, begin: str | int, end: str | int, step: int = 1) -> Iterator[None]:
         """Append a loop that runs while a counter is less than `end`; the `with` statement appends the body."""
         previous_label = self._label
-        self.let(f"{counter}_some", f"icmp ult i64 {begin}, {end}")
-        self.do(f"br i1 %{counter}_some, label %{counter}_body, label %{counter}_end")
+        self.let(f"{counter}_nonempty", f"icmp ult i64 {begin}, {end}")
+        self.do(f"br i1 %{counter}_nonempty, label %{counter}_body, label %{counter}_end")
         self._block(f"{counter}_body")
         phi_index = len(self._lines)
         yield
@@ -78,8 +78,8 @@ class Driver:
         phi = f"  %{counter} = phi i64 [{begin}, %{previous_label}], [%{counter}_next, %{self._label}]"
         self._lines.insert(phi_index, phi)
         self.let(f"{counter}_next", f"add i64 %{counter}, {step}")
-        self.let(f"{counter}_more", f"icmp ult i64 %{counter}_next, {end}")
-        self.do(f"br i1 %{counter}_more, label %{counter}_body, label %{counter}_end")
+        self.let(f"{counter}_again", f"icmp ult i64 %{counter}_next, {end}")
+        self.do(f"br i1 %{counter}_again, label %{counter}_body, label %{counter}_end")
         self._block(f"{counter}_end")
 
     @contextmanager
@@ -91,8 +91,8 @@ class Driver:
             condition: instruction that computes the condition.
         """
         self.let(name, condition)
-        self.do(f"br i1 %{name}, label %{name}_so, label %{name}_end")
-        self._block(f"{name}_so")
+        self.do(f"br i1 %{name}, label %{name}_then, label %{name}_end")
+        self._block(f"{name}_then")
         yield
         self.do(f"br label %{name}_end")
         self._block(f"{name}_end")

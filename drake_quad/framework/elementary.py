@@ -187,7 +187,7 @@ def identity(x: _Rows) -> _Rows:
 
 
 def total(rows: Sequence[Row]) -> Row:
-    """Return the sum of one or more rows. It starts with the first row instead of zero, which saves an operation."""
+    """Return the sum of one or more rows, without adding zero first as Python's `sum` does."""
     first, *others = rows
     return sum(others, start=first)
 
@@ -221,7 +221,7 @@ def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row])
 
 
 def _replace_masked(mask: np.ndarray, new: Any, old: Any) -> Any:
-    """Return the values of all vehicles, of which those of the masked vehicles are replaced.
+    """Return `old` with the values of the masked vehicles replaced by `new`.
 
     Args:
         mask: (N,) True for a vehicle whose value is replaced.
@@ -231,10 +231,10 @@ def _replace_masked(mask: np.ndarray, new: Any, old: Any) -> Any:
     if isinstance(old, tuple):
         rows = [_replace_masked(mask, new_row, old_row) for new_row, old_row in zip(new, old, strict=True)]
         return old._make(rows) if hasattr(old, "_make") else tuple(rows)
-    placed = np.empty(mask.shape, dtype=np.result_type(np.asarray(new), np.asarray(old)))
-    placed[...] = old
-    placed[mask] = new
-    return _of_one_type(placed)
+    replaced = np.empty(mask.shape, dtype=np.result_type(np.asarray(new), np.asarray(old)))
+    replaced[...] = old
+    replaced[mask] = new
+    return _of_one_type(replaced)
 
 
 def wrap_angle(angle: Row) -> Row:
@@ -291,12 +291,13 @@ def _is_symbolic(x: Any) -> bool:
 
 
 def _without_nan_derivatives(root: Any, x: Any) -> Any:
-    """Replace NaN derivatives of a root at 0 by 0, as for the length of a vector that remains zero.
+    """Return the square root of x, with derivatives of 0 where x and its derivatives are 0.
 
-    They occur where the derivative of `x` is also 0; some versions of Drake return 0 there, and others return ∞ * 0.
+    An example is the length of a vector that remains zero. Some versions of Drake compute ∞ * 0 in this case, which is
+    NaN, and others return 0.
     """
     if isinstance(root, np.ndarray) and root.dtype == object:
-        return np.array([_without_nan_derivatives(each, of) for each, of in zip(root, x, strict=True)])
+        return np.array([_without_nan_derivatives(*each) for each in zip(root, x, strict=True)])
     if isinstance(root, AutoDiffXd) and x.value() == 0.0:
         return AutoDiffXd(0.0, np.where(x.derivatives() == 0.0, 0.0, root.derivatives()))
     return root

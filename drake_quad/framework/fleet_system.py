@@ -147,9 +147,9 @@ class StateGroup:
         index: Drake's index of the discrete group; None for the continuous state.
         layout: layout of the state.
         recipe: function that computes the initial state from the system's argument `parameters`.
-        is_scheduled: True if small changes of the inputs change this group, or its effect on the outputs, only in
-            second order, as with a counter or with the covariance of a Kalman filter in equilibrium. Linear models
-            leave such a group out and use its values at the operating point.
+        is_scheduled: True for a state that linear models omit and replace by its value at the operating point. Small
+            changes of the inputs must affect such a state, or its effect on the outputs, only in second order. Examples
+            are a counter, and the covariance of a Kalman filter in equilibrium.
     """
 
     name: str
@@ -214,7 +214,7 @@ class Computation:
         self._states = [
             (argument_index, read.index) for argument_index, read in reads_and_indices if isinstance(read, StateGroup)
         ]
-        self._own = [
+        self._updated_states = [
             (argument_index, target) for argument_index, (_, target) in enumerate(self._sources) if target is not None
         ]
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
@@ -247,7 +247,7 @@ class Computation:
                 sources[argument_index] = context.get_continuous_state_vector().CopyToVector()
             else:
                 sources[argument_index] = context.get_discrete_state(index).value()
-        for argument_index, target in self._own:
+        for argument_index, target in self._updated_states:
             sources[argument_index] = targets[target]
         if absent:
             sources = [source for source in sources if source is not None]
@@ -509,7 +509,7 @@ class FleetSystem(_Base):
         """Compute the time derivatives of the continuous state; Drake calls this method."""
         if self._derivative is None:
             return
-        # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
+        # NumPy issues spurious floating-point warnings for arithmetic on arrays of objects.
         with np.errstate(all=None if self.scalar is float else "ignore"):
             rates = BasicVector_[self.scalar](derivatives.size())
             self._derivative.run(self, context, [rates])
@@ -633,10 +633,10 @@ def _counted(declare: Callable[..., None]) -> Callable[..., None]:
 
 
 @contextmanager
-def _quick_templates() -> Iterator[None]:
-    """Skip Drake's search for the module that instantiates a template.
+def _without_module_search() -> Iterator[None]:
+    """Skip Drake's search for the module in which a template is instantiated.
 
-    The search reads the source of every caller. It took half of this package's import time.
+    The search reads the source file of every caller, which took half of this package's import time.
     """
     search = getattr(cpp_template, "_get_module_from_stack", None)
     if search is None:
@@ -660,8 +660,8 @@ def _constructor_signature(cls: type[FleetSystem]) -> inspect.Signature:
 def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
     """Return a class decorator that converts a FleetSystem to a Drake system with scalar conversion.
 
-    The decorated class is the class for the first scalar type. Its attribute `template` contains the classes for all
-    scalar types.
+    The decorator returns the class for the first scalar type. The attribute `template` of this class contains the
+    classes for all scalar types.
 
     Args:
         scalars: supported scalar types; the first must be float.
@@ -698,7 +698,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
             return Impl
 
         template.add_instantiations(instantiate, [(T,) for T in scalars])
-        with _quick_templates():
+        with _without_module_search():
             instance = template[scalars[0]]
         instance.template = template
         instance.__name__ = instance.__qualname__ = cls.__name__

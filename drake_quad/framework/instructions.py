@@ -146,7 +146,7 @@ def function(
     lines: list[str] = []
     calls = _Calls(head.split("(")[0], lanes)
     for k, number in enumerate(order):
-        if listing.operations[number].inside is None:
+        if listing.operations[number].called_part is None:
             names[number] = _write_operation(lines, names, listing, number, sources, shared, lanes)
         else:
             names[number] = calls.append_call(lines, names, listing, number)
@@ -188,21 +188,21 @@ class _Calls:
         if not self._called:
             return []
         allocation = f"alloca [{self._rows * self._lanes} x double], align {8 * self._lanes}"
-        return [f"%given = {allocation}", f"%found = {allocation}"]
+        return [f"%call_arguments = {allocation}", f"%call_results = {allocation}"]
 
     def append_call(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
         """Append the call that computes a line, unless it was appended before; return the name of the result."""
         operation = listing.operations[number]
-        assert operation.inside is not None
-        inside, row = operation.inside
-        assert not isinstance(inside, Function), "LLVM code contains the operations of elementary functions"
-        first = self._results.setdefault((inside, operation.operands), number)
+        assert operation.called_part is not None
+        part, row = operation.called_part
+        assert not isinstance(part, Function), "LLVM code contains the operations of elementary functions"
+        first = self._results.setdefault((part, operation.operands), number)
         if first == number:
             operand_names = [(names[line], listing.operations[line].kind) for line in operation.operands]
-            if isinstance(inside, Branch):
-                self._write_branch(lines, number, operand_names, inside)
+            if isinstance(part, Branch):
+                self._write_branch(lines, number, operand_names, part)
             else:
-                self._write_layer(lines, number, operand_names, inside)
+                self._write_layer(lines, number, operand_names, part)
         return f"%v{first}_{row}"
 
     def _write_branch(
@@ -219,7 +219,7 @@ class _Calls:
         self._store_arguments(lines, number, arguments)
         # The function is marked as cold, so that LLVM keeps other values in registers on the path without the call.
         lines += [
-            f"call void {self._function_of(branch, 'noinline cold')}(ptr %given, ptr %found)",
+            f"call void {self._function_of(branch, 'noinline cold')}(ptr %call_arguments, ptr %call_results)",
             f"br label %beyond_{number}",
             f"beyond_{number}:",
         ]
@@ -230,22 +230,22 @@ class _Calls:
     ) -> None:
         rows, _ = layer.matrix.shape
         self._store_arguments(lines, number, operand_names)
-        lines.append(f"call void {self._function_of_layer(layer)}(ptr %given, ptr %found)")
+        lines.append(f"call void {self._function_of_layer(layer)}(ptr %call_arguments, ptr %call_results)")
         self._load_results(lines, number, [SymbolKind.NUMBER] * rows)
         # The function writes all rows of the last block, even if the layer has fewer rows.
         self._rows = max(self._rows, rows + -rows % _BLOCK_ROWS)
 
     def _store_arguments(self, lines: list[str], number: int, arguments: Sequence[tuple[str, SymbolKind]]) -> None:
         for row, (name, kind) in enumerate(arguments):
-            pointer = f"%v{number}_given_{row}"
-            lines += _pointer(pointer, Rows("%given", self._lanes), row)
+            pointer = f"%v{number}_argument_{row}"
+            lines += _pointer(pointer, Rows("%call_arguments", self._lanes), row)
             lines.append(f"store {_type(kind, self._lanes)} {name}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(arguments))
 
     def _load_results(self, lines: list[str], number: int, kinds: Sequence[SymbolKind]) -> None:
         for row, kind in enumerate(kinds):
-            pointer = f"%v{number}_found_{row}"
-            lines += _pointer(pointer, Rows("%found", self._lanes), row)
+            pointer = f"%v{number}_result_{row}"
+            lines += _pointer(pointer, Rows("%call_results", self._lanes), row)
             lines.append(f"%v{number}_{row} = load {_type(kind, self._lanes)}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(kinds))
 
@@ -284,8 +284,10 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
     blocks = -(-rows // _BLOCK_ROWS)
     numbers = [[bias, *weights] for bias, weights in layer.matrix.biases_and_weights()]
     numbers += [[0.0] * (columns + 1)] * (blocks * _BLOCK_ROWS - rows)
-    in_order = [numbers[_BLOCK_ROWS * b + j][i] for b in range(blocks) for i in range(columns + 1) for j in block]
-    bits = np.array(in_order).view(np.uint64).tolist()
+    numbers_in_order = [
+        numbers[_BLOCK_ROWS * b + j][i] for b in range(blocks) for i in range(columns + 1) for j in block
+    ]
+    bits = np.array(numbers_in_order).view(np.uint64).tolist()
     constants = ", ".join(f"double 0x{each:016X}" for each in bits)
 
     def spread(result: str, column: str, j: int) -> list[str]:

@@ -61,7 +61,7 @@ def _module(
 
 
 def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
-    """Return the LLVM code of the function that Python calls. It computes an incomplete last vector in a copy."""
+    """Return the LLVM code of the function that Python calls, which copies the last vehicles to a full vector."""
     sizes = {f"target_{i}": rows for i, rows in enumerate(targets)}
     sizes |= {f"source_{i}": rows for i, rows in enumerate(sources)}
     driver = Driver.of_arrays("i64 %n, double %now", [*sizes])

@@ -28,20 +28,20 @@ ELEMENTS_POINTER_OFFSET = object.__basicsize__
 # Instruction sets of this processor, in LLVM's notation.
 _FEATURES = str(llvm.get_host_cpu_features().flatten())
 _HAS_AVX512 = "+avx512f" in _FEATURES
-# Number of vector registers.
-REGISTERS = 32 if _HAS_AVX512 else 16
+# Number of vector registers of the processor.
+NUM_VECTOR_REGISTERS = 32 if _HAS_AVX512 else 16
 # Number of vehicles that are computed at once, which is the number of doubles in a vector register.
 LANES = 8 if _HAS_AVX512 else 4
 
 
-def _check_pointer() -> None:
+def _check_array_layout() -> None:
     """Raise ImportError if NumPy arrays do not have the memory layout that machine code expects."""
     array = np.zeros(1)
     if ctypes.c_void_p.from_address(id(array) + ELEMENTS_POINTER_OFFSET).value != array.ctypes.data:
-        raise ImportError("machine code cannot access NumPy's arrays: this Python has another memory layout")
+        raise ImportError("NumPy arrays have an unsupported memory layout in this build of Python; use CPython")
 
 
-_check_pointer()
+_check_array_layout()
 
 
 def _generator_digest() -> str | None:
@@ -57,7 +57,7 @@ def _generator_digest() -> str | None:
 
 
 # The digest is computed during the import, so that it belongs to the imported sources even if they are edited later.
-_GENERATOR = _generator_digest()
+_GENERATOR_DIGEST = _generator_digest()
 
 
 def _target_machine() -> Any:
@@ -97,9 +97,9 @@ def generated_kernel_address(identity: str, generate: Callable[[], str]) -> int:
         identity: text that, together with the generator's sources, determines the LLVM code.
         generate: function that returns the LLVM code of the module.
     """
-    if _GENERATOR is None:
+    if _GENERATOR_DIGEST is None:
         return kernel_address(generate())
-    name = _name(f"{_GENERATOR} {ELEMENTS_POINTER_OFFSET} {identity}")
+    name = _name(f"{_GENERATOR_DIGEST} {ELEMENTS_POINTER_OFFSET} {identity}")
     return _addresses.get(name, lambda: _load_or_compile(name, generate))
 
 

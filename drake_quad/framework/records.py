@@ -42,7 +42,7 @@ class Layout(NamedTuple):
         """
         if len(rows) != self.num_rows:
             raise ValueError(f"{self} has {self.num_rows} rows, not {len(rows)}")
-        return self._built(iter(rows))
+        return self._take(iter(rows))
 
     def flatten(self, value: Any) -> list[Any]:
         """Return the rows of a value.
@@ -65,12 +65,12 @@ class Layout(NamedTuple):
         """Return the name of the type, for error messages."""
         return {float: "a row", NoneType: "None"}.get(self.kind, self.kind.__name__)
 
-    def _built(self, rows: Iterator[Any]) -> Any:
+    def _take(self, rows: Iterator[Any]) -> Any:
         if self is ROW:
             return next(rows)
         if self is ABSENT:
             return None
-        parts = [part._built(rows) for part in self.parts]
+        parts = [part._take(rows) for part in self.parts]
         return tuple(parts) if self.kind is tuple else self.kind(*parts)
 
     def _flatten(self, value: Any, rows: list[Any]) -> None:
@@ -114,15 +114,15 @@ def layout_of(kind: Any, value: Any = None) -> Layout:
     Raises:
         TypeError: if `kind` is another type, or if a required example is missing.
     """
-    return _fixed(kind) if value is None else _like(kind, value)
+    return _layout_without_example(kind) if value is None else _layout(kind, value)
 
 
 @functools.cache
-def _fixed(kind: Any) -> Layout:
-    return _like(kind, None)
+def _layout_without_example(kind: Any) -> Layout:
+    return _layout(kind, None)
 
 
-def _like(kind: Any, value: Any) -> Layout:
+def _layout(kind: Any, value: Any) -> Layout:
     if hasattr(type(value), "_fields"):
         kind = type(value)
     if get_origin(kind) in (Union, UnionType):
@@ -139,17 +139,17 @@ def _like(kind: Any, value: Any) -> Layout:
             if value is None:
                 raise TypeError(f"{kind} has no fixed number of parts, so its layout requires an example")
             inside = inside[:1] * len(value)
-        return _joined(tuple, inside, value)
+        return _layout_of_parts(tuple, inside, value)
     if kind is tuple and value is not None:
-        return _joined(tuple, [type(part) if isinstance(part, tuple) else Row for part in value], value)
+        return _layout_of_parts(tuple, [type(part) if isinstance(part, tuple) else Row for part in value], value)
     if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
-        return _joined(kind, _field_types(kind), value)
+        return _layout_of_parts(kind, _field_types(kind), value)
     raise TypeError(f"{kind} is not a type of record; use Row, a NamedTuple of rows, or a tuple of these")
 
 
-def _joined(kind: type, types: Sequence[Any], value: Any) -> Layout:
+def _layout_of_parts(kind: type, types: Sequence[Any], value: Any) -> Layout:
     values = [None] * len(types) if value is None else value
-    parts = tuple([_like(inside, example) for inside, example in zip(types, values, strict=True)])
+    parts = tuple([_layout(inside, example) for inside, example in zip(types, values, strict=True)])
     return Layout(kind, parts, sum(part.num_rows for part in parts))
 
 
@@ -174,10 +174,10 @@ def record_like(kind: type[_Record], source: Any, **overrides: Any) -> _Record:
     """
     names = kind._fields  # type: ignore[attr-defined]
     values = [overrides[name] if name in overrides else getattr(source, name) for name in names]
-    return kind(*map(_nested, _field_types(kind), values))
+    return kind(*map(_converted, _field_types(kind), values))
 
 
-def _nested(kind: Any, value: Any) -> Any:
+def _converted(kind: Any, value: Any) -> Any:
     """Return the value of a field, converted to a record if that is the field's type."""
     choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     records = [choice for choice in choices if hasattr(choice, "_fields")]

@@ -12,7 +12,9 @@ import numpy as np
 from drake_quad.errors import did_you_mean
 
 # Hint for authors of formulas, which ends several error messages.
-ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
+ROW_OPERATIONS_HINT = (
+    "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
+)
 
 REPLACEMENTS = {
     "absolute": "abs(x)",
@@ -70,8 +72,8 @@ The names in the expressions are rows, `math`, and the functions of `drake_quad.
 rows.
 """
 
-# Further function names, each with the key of `REPLACEMENTS` whose expression applies. A further name is another name
-# of the same function, or the name of a function that has the same replacement.
+# Function names that are not keys of `REPLACEMENTS`, each with the key whose expression also replaces this function.
+# Most of these names are aliases.
 _OTHER_NAMES = {
     "abs": "absolute",
     "acos": "arccos",
@@ -117,7 +119,11 @@ def unsupported_operation(function: str, expression: str | None) -> TypeError:
         function: description of the function or operator, such as `numpy.sin`.
         expression: expression that a formula may use instead; None if there is none.
     """
-    hint = f"use {expression} instead, with the functions of drake_quad.framework.elementary" if expression else ALLOWED
+    hint = (
+        f"use {expression} instead, with the functions of drake_quad.framework.elementary"
+        if expression
+        else ROW_OPERATIONS_HINT
+    )
     return TypeError(f"{function} does not accept a row, the values of a quantity for all vehicles; {hint}")
 
 
@@ -149,9 +155,10 @@ def explain_formula_error(error: Exception) -> str:
     if "valid indices" in message:
         return f"{message}; a row cannot be an index: use where(condition, x, y) of drake_quad.framework.elementary"
     if "dtype('O')" in message:  # the type of an array of symbols
-        return f"{message}; functions of NumPy do not accept rows: {ALLOWED}"
+        return f"{message}; functions of NumPy do not accept rows: {ROW_OPERATIONS_HINT}"
     if "Symbol" in message:
-        return f"{message}; a Symbol is a row, a number for each vehicle, without elements or methods: {ALLOWED}"
+        explanation = "a Symbol is a row, a number for each vehicle, without elements or methods"
+        return f"{message}; {explanation}: {ROW_OPERATIONS_HINT}"
     return message
 
 

@@ -42,10 +42,10 @@ def cached_on_disk(
         arguments: positional arguments, which can be pickled.
         named: keyword arguments, which can be pickled.
     """
-    program = _program()
-    if program is None:
+    environment = _environment()
+    if environment is None:
         return function(*arguments, **named)
-    identity = _identity((program, function.__module__, function.__qualname__, arguments, named))
+    identity = _identity((environment, function.__module__, function.__qualname__, arguments, named))
     if identity is None:
         return function(*arguments, **named)
     name = f"result_{hashlib.sha256(identity).hexdigest()[:32]}"
@@ -89,8 +89,11 @@ def _identity(value: Any) -> bytes | None:
 
 
 @functools.cache
-def _program() -> tuple[Any, ...] | None:
-    """Return the versions of sources, libraries and processor, on which results depend; None if they are unknown."""
+def _environment() -> tuple[Any, ...] | None:
+    """Return digest and versions of all software on which results depend, and the processor.
+
+    None if the sources cannot be read, or were edited after the start of this process.
+    """
     digest, sources = hashlib.sha256(), sorted(_PACKAGE_FOLDER.rglob("*.py"))
     with suppress(OSError):
         # If the package is in an archive, its sources cannot be read.

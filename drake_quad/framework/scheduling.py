@@ -13,14 +13,14 @@ The schedule does not change any result.
 
 from heapq import heappop, heappush
 
-from drake_quad.framework.machine_code import REGISTERS
+from drake_quad.framework.machine_code import NUM_VECTOR_REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
 
 # Number of lines, from the first unscheduled line on, among which the next line is selected. A larger window needs more
-# registers. A tick with 8,800 lines was measured. On a processor with 32 registers, a window of 300 lines was 4 %
-# slower, and a window of 1,000 lines was as fast. On a processor with 16 registers, a window of 60 lines was 2 %
-# slower, and a window of 400 lines was 6 % slower.
-_WINDOW = 600 if REGISTERS > 16 else 150
+# registers. Other windows were measured for a tick with 8,800 lines. With 32 registers, a window of 300 lines was 4 %
+# slower, and one of 1,000 lines was as fast. With 16 registers, a window of 60 lines was 2 % slower, and one of 400
+# lines was 6 % slower.
+_WINDOW = 600 if NUM_VECTOR_REGISTERS > 16 else 150
 # Largest number of lines of a formula that a processor starts in one cycle.
 _LINES_PER_CYCLE = 3
 # Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"). The latency of all other instructions is one cycle.

@@ -3,13 +3,14 @@
 A formula is plain Python. If it is executed on symbols instead of numbers, all its operations are recorded in a
 `Listing`, from which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a
 constant, is executed during tracing. A row is a quantity that has one value for each vehicle of a fleet. A formula
-cannot branch on a row. `drake_quad.framework.elementary` contains three replacements:
+cannot branch on a row. `drake_quad.framework.elementary` contains two functions that select instead:
 
 - `where` selects one of two rows.
 - `lazy_where` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
   `Branch`.
-- `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
-  similar lines.
+
+A Python loop over the weights of a network would record thousands of similar lines. The function `dense` evaluates a
+layer of a network and records a `SymbolLayer` instead, which becomes a loop.
 
 A call of an elementary function, such as the sine, is recorded as the operations of its approximation. If the generated
 code can call elementary functions, as in C, the listing records a `Function` instead.
@@ -25,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.framework.replacements import (
-    ALLOWED,
+    ROW_OPERATIONS_HINT,
     calling_numpy_function,
     numpy_function_error,
     power_error,
@@ -55,14 +56,15 @@ class Operation(NamedTuple):
         operands: numbers of the lines that are the operands. Operations in `LEAVES` have other operands: the bits of a
             constant, the group of a row and its index in the group, or the index of a shared value.
         kind: type of the result.
-        inside: branch, layer or function that computes this line, and the index of the line among its results; None for
-            other operations. The first operand of a branch is the mask of the vehicles that need the branch.
+        called_part: for the operations "branch", "layer" and "function", the called part and the index of the line
+            among its results; None for other operations. The first operand of a branch is the mask of the vehicles that
+            need it.
     """
 
     name: str
     operands: tuple[int, ...]
     kind: SymbolKind
-    inside: "tuple[Branch | SymbolLayer | Function, int] | None" = None
+    called_part: "tuple[Branch | SymbolLayer | Function, int] | None" = None
 
 
 class Branch(NamedTuple):
@@ -174,10 +176,10 @@ class Listing:
         name: str,
         operands: tuple[int, ...],
         kind: SymbolKind,
-        inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
+        called_part: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> int:
-        """Return the index of an operation in the listing, and append a new operation; arguments as in `Operation`."""
-        key = name, operands, kind, inside
+        """Return the line number of an operation, which is appended if it is new; arguments as in `Operation`."""
+        key = name, operands, kind, called_part
         line = self._lines.get(key)
         if line is None:
             line = self._lines[key] = len(self.operations)
@@ -191,10 +193,10 @@ class Listing:
         name: str,
         operands: tuple[int, ...],
         kind: SymbolKind,
-        inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
+        called_part: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> "Symbol":
-        """Return the symbol of an operation in the listing, and append a new operation; arguments as in `Operation`."""
-        return Symbol(self, self.line(name, operands, kind, inside), kind)
+        """Return the symbol of an operation, which is appended if it is new; arguments as in `Operation`."""
+        return Symbol(self, self.line(name, operands, kind, called_part), kind)
 
     def digest(self) -> str:
         """Return a digest of all operations in the listing."""
@@ -219,7 +221,7 @@ class Listing:
         if isinstance(value, np.uint64):
             return self.add("constant", (int(value),), SymbolKind.WORD)
         if not isinstance(value, int | float | np.number):
-            raise TypeError(f"expected a number or a row, not {type(value).__name__}; {ALLOWED}")
+            raise TypeError(f"expected a number or a row, not {type(value).__name__}; {ROW_OPERATIONS_HINT}")
         return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
 
 
@@ -251,17 +253,17 @@ def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
             names.setdefault(name, len(names)),
             operands,
             int(kind),
-            inside if inside is None else _identity(inside, known),
+            called_part if called_part is None else _identity(called_part, known),
         )
-        for name, operands, kind, inside in operations
+        for name, operands, kind, called_part in operations
     ]
     # Version 2 of the format writes a repeated object in full again, so that the bytes depend only on the values.
     return hashlib.sha256(marshal.dumps(([name.encode() for name in names], lines), 2)).hexdigest()
 
 
-def _identity(inside: tuple[Branch | SymbolLayer | Function, int], known: dict[int, bytes]) -> tuple[bytes, int]:
-    """Return the digest of the branch, layer or function in `Operation.inside`, and the index of the result."""
-    part, index = inside
+def _identity(called_part: tuple[Branch | SymbolLayer | Function, int], known: dict[int, bytes]) -> tuple[bytes, int]:
+    """Return the digest of the branch, layer or function in `Operation.called_part`, and the index of the result."""
+    part, index = called_part
     if id(part) not in known:
         match part:
             case Branch():
@@ -305,7 +307,7 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
     return operator, reflected
 
 
-def _refused(function: str, name: str) -> Callable[..., Any]:
+def _unsupported(function: str, name: str) -> Callable[..., Any]:
     """Return a method that raises the TypeError for an operator or function that a formula cannot apply to rows.
 
     Args:
@@ -361,14 +363,14 @@ class Symbol:
     def __pow__(self, exponent: Any) -> "Symbol":
         raise power_error(exponent)
 
-    __rpow__ = _refused("`**`", "power")
-    __floordiv__ = __rfloordiv__ = _refused("`//`", "floor_divide")
-    __mod__ = __rmod__ = _refused("`%`", "remainder")
-    __divmod__ = __rdivmod__ = _refused("divmod", "remainder")
-    __invert__ = _refused("`~`", "logical_not")
-    __round__ = _refused("round", "round")
-    __floor__ = _refused("math.floor", "floor")
-    __ceil__ = _refused("math.ceil", "ceil")
+    __rpow__ = _unsupported("`**`", "power")
+    __floordiv__ = __rfloordiv__ = _unsupported("`//`", "floor_divide")
+    __mod__ = __rmod__ = _unsupported("`%`", "remainder")
+    __divmod__ = __rdivmod__ = _unsupported("divmod", "remainder")
+    __invert__ = _unsupported("`~`", "logical_not")
+    __round__ = _unsupported("round", "round")
+    __floor__ = _unsupported("math.floor", "floor")
+    __ceil__ = _unsupported("math.ceil", "ceil")
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
@@ -443,27 +445,27 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
         kind = _TRUTH
     if name in _LOGICAL:
         if first.kind is _NUMBER or any(symbol.kind is not first.kind for symbol in symbols):
-            raise TypeError(f"the operands of `&`, `|` and `^` must be comparisons, not numbers; {ALLOWED}")
+            raise TypeError(f"the operands of `&`, `|` and `^` must be comparisons, not numbers; {ROW_OPERATIONS_HINT}")
     elif name != "select":
         for symbol in symbols:
             if symbol.kind is _TRUTH:
-                return _of_truths(name, symbols, kind or _NUMBER)
+                return _operation_on_booleans(name, symbols, kind or _NUMBER)
     return first.listing.add(name, tuple([symbol.line for symbol in symbols]), kind or first.kind)
 
 
-def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
+def _operation_on_booleans(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
     """Return the symbol of an operation on numbers, given operands that include booleans."""
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
             return operation("bitwise_and", *symbols)
         if name in _AMBIGUOUS_OPERATIONS:
-            raise TypeError(_TRUTH_ARITHMETIC_MESSAGE)
+            raise TypeError(_BOOLEAN_ARITHMETIC_MESSAGE)
     return operation(name, *map(as_number, symbols), kind=kind)
 
 
 # Operations whose results for booleans differ between Python and NumPy.
 _AMBIGUOUS_OPERATIONS = ("add", "subtract", "negative")
-_TRUTH_ARITHMETIC_MESSAGE = (
+_BOOLEAN_ARITHMETIC_MESSAGE = (
     "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
     " drake_quad.framework.elementary, or combine them by `&` and `|`"
 )
@@ -513,7 +515,8 @@ def are_same(x: Any, y: Any) -> bool:
 
 
 _FOREIGN_SYMBOL_MESSAGE = (
-    "the formula of `lazy_where` or an activation uses a row that is not one of its arguments; add it to them"
+    "the formula of `lazy_where` or an activation uses a row that is not one of its arguments; pass the row as an"
+    " argument"
 )
 
 

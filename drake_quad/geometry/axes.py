@@ -1,4 +1,4 @@
-"""Vectors, and the axes of the body in the world frame. Equation numbers refer to Kayacan and Maslim (2016)."""
+"""Vectors, and the body axes in the world frame. Equation numbers refer to Kayacan and Maslim (2016)."""
 
 from typing import NamedTuple
 

@@ -1,18 +1,20 @@
-"""Rates of roll, pitch and yaw, and body rates. Equation numbers refer to Kayacan and Maslim (2016)."""
+"""Relation between body rates and rates of roll, pitch and yaw. Equation numbers: Kayacan and Maslim (2016)."""
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row, Torque
 
 
-def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
+def small_rotation(changes: Attitude, attitude: Attitude) -> BodyRates:
     """Return the small rotation (rad) about the axes of B for small changes of roll, pitch and yaw (rad), eq (2).
 
     For rates of roll, pitch and yaw instead of changes, the result is the body rates, rad/s.
     """
     s_r, c_r = sin_cos(attitude.roll)
     s_p, c_p = sin_cos(attitude.pitch)
-    level = c_p * steps.yaw
-    return BodyRates(steps.roll - s_p * steps.yaw, c_r * steps.pitch + s_r * level, c_r * level - s_r * steps.pitch)
+    level = c_p * changes.yaw
+    return BodyRates(
+        changes.roll - s_p * changes.yaw, c_r * changes.pitch + s_r * level, c_r * level - s_r * changes.pitch
+    )
 
 
 def angular_acceleration(accelerations: Attitude, rates: Attitude, attitude: Attitude) -> AngularAcceleration:
@@ -35,7 +37,7 @@ def angular_acceleration(accelerations: Attitude, rates: Attitude, attitude: Att
 
 
 def angle_rates(body_rates: BodyRates, attitude: Attitude) -> Attitude:
-    """Return the rates of roll, pitch and yaw (rad/s) for body rates (rad/s), the inverse of eq (2).
+    """Return the rates of roll, pitch and yaw (rad/s) for given body rates (rad/s), by the inverse of eq (2).
 
     The rates are infinite at a pitch of ±90°.
     """

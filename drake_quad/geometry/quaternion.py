@@ -17,7 +17,7 @@ class Quaternion(NamedTuple):
 
     @classmethod
     def of(cls, roll: Angle, pitch: Angle, yaw: Angle) -> "Quaternion":
-        """Return the rotation by the yaw about z, then the pitch about y, then the roll about x."""
+        """Return the rotation by the yaw about z, then the pitch about the new y, then the roll about the new x."""
         (s_r, c_r), (s_p, c_p), (s_y, c_y) = (sin_cos(0.5 * angle) for angle in (roll, pitch, yaw))
         return cls(
             c_r * c_p * c_y + s_r * s_p * s_y,
@@ -28,7 +28,7 @@ class Quaternion(NamedTuple):
 
     @classmethod
     def of_rotation(cls, vector: Vector) -> "Quaternion":
-        """Return the rotation by a rotation vector, rad."""
+        """Return the quaternion of the rotation that a rotation vector (rad) describes."""
         angle = length(vector)
         sine, cosine = sin_cos(0.5 * angle)
         return cls(cosine, *times(sine / angle, vector))
@@ -46,7 +46,7 @@ class Quaternion(NamedTuple):
     def normalised(self) -> "Quaternion":
         """Return a unit quaternion, given a quaternion whose length deviates from 1 by rounding errors."""
         w, x, y, z = self
-        # This step of Newton's method for the inverse length squares the relative error.
+        # This is one step of Newton's method for the inverse length. It squares the relative error.
         factor = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
         return Quaternion(factor * w, factor * x, factor * y, factor * z)
 

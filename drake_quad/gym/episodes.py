@@ -5,7 +5,7 @@ wind and noise. The flight therefore depends only on s, j and the actions. It is
 `simulate(..., seed=s, sample=j)`.
 
 Resetting a context takes milliseconds, almost independently of the number of samples. For that reason, the initial
-values of hundreds of episodes are computed at once, some episodes in advance for each vehicle.
+values of hundreds of episodes are computed at once, several episodes in advance for each vehicle.
 """
 
 from typing import NamedTuple
@@ -21,11 +21,11 @@ from drake_quad.scenario.models import Scenario
 # Limits on the number of episodes that are computed at once. Larger batches need more memory and are hardly faster.
 _MIN_BATCH_SIZE = 32
 _MAX_BATCH_SIZE = 512
-# Limits on the number of episodes that are computed in advance for each vehicle.
+# Number of episodes that are computed in advance, summed over all vehicles. It is divided equally among the vehicles,
+# within the following limits for each vehicle.
+_TOTAL_EPISODES_AHEAD = 4096
 _MIN_EPISODES_AHEAD = 2
 _MAX_EPISODES_AHEAD = 32
-# Number of episodes of all vehicles together that are computed in advance. The limits above apply to each vehicle.
-_TOTAL_EPISODES_AHEAD = 4096
 
 
 class Episode(NamedTuple):
@@ -64,14 +64,14 @@ class Episodes:
         self._initializer = Initializer(self._diagram, outputs=outputs)
         first = self._initializer.initial_values(self._context)
         shape = num_vehicles, self._num_ahead
-        # A ring buffer: sample j of a vehicle is stored at the index j modulo the number of episodes ahead.
+        # This is a ring buffer: sample j of a vehicle is stored at the index j modulo the number of episodes ahead.
         self._ready = InitialValues._make(np.empty((*shape, rows.shape[1])) for rows in first)
         self.seeds, self.samples = np.zeros(num_vehicles, dtype=np.int64), np.full(num_vehicles, -1)
         # For each vehicle, the index of the first sample whose initial values have not been computed.
         self._next = np.zeros(num_vehicles, dtype=np.int64)
 
     def seed(self, vehicles: np.ndarray, seeds: np.ndarray) -> None:
-        """Set the seeds of vehicles; the next episode of each of these vehicles is sample 0."""
+        """Set the seeds of some vehicles. The next episode of each of these vehicles is sample 0."""
         self.seeds[vehicles], self.samples[vehicles], self._next[vehicles] = seeds, -1, 0
 
     def begin(self, vehicles: np.ndarray) -> InitialValues:

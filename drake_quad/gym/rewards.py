@@ -22,11 +22,12 @@ class Transition(NamedTuple):
         reference: references after the step.
         time: (N,) times since the start of each episode, s.
         crashed: (N,) Booleans, True if the vehicle has crashed, whether or not into an obstacle.
-        obstacle_hit: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 if the vehicle hit none.
-        signals: further requested signals, as records, by name.
-        metrics: (N,) values of the requested metrics up to this step, by name; NaN until a tick counts for the metric.
-        metric_changes: (N,) changes of these values in this step. A metric begins with 0 and NaN counts as 0, so the
-            changes of an episode add up to the metric of its flight.
+        obstacle_hit: (N,) numbers of the obstacles that the vehicles hit, counted from 1; 0 if the vehicle hit none.
+        signals: further requested signals, as records, keyed by name.
+        metrics: (N,) values of the requested metrics up to this step, keyed by name. A metric is NaN before the first
+            tick in its time window.
+        metric_changes: (N,) changes of these values in this step, keyed by name. A metric starts at 0, and NaN counts
+            as 0, so the changes of an episode add up to the metric of its flight.
     """
 
     observation: np.ndarray
@@ -64,11 +65,11 @@ class TrackingReward:
 
         tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle + Σ w ΔM
 
-    Here e is the position error, a is the action and a' is the previous action, both saturated at -1 and 1. The terms
-    of crash and obstacle are subtracted in each step after which the vehicle has crashed. This is a single step if a
-    crash ends the episode. After a crash into an obstacle, both terms are subtracted. ΔM is the change of a metric or
-    of the robustness of a requirement in the step, and w its weight, so an episode is rewarded with w times the metric
-    of its flight.
+    Here e is the position error, a is the action and a' is the previous action, both saturated at -1 and 1. The cost
+    `crash` is subtracted in each step after which the vehicle has crashed. This is a single step if a crash ends the
+    episode. If the vehicle crashed into an obstacle, the cost `obstacle` is subtracted, too. ΔM is the change in the
+    step of a metric, or of the robustness of a requirement, and w is its weight. Over an episode, the reward therefore
+    contains w times the metric of the flight.
 
     Attributes:
         tracking: reward of a step without position error.
@@ -77,8 +78,8 @@ class TrackingReward:
         variation: cost of a change of the action whose norm is 1.
         crash: cost of a crash.
         obstacle: additional cost of a crash into an obstacle.
-        metrics: weights of metrics and requirements of the scenario, by name; negative for a metric that should be
-            small.
+        metrics: weights of metrics and requirements of the scenario, keyed by name. The weight of a metric that should
+            be small is negative.
 
     With the default values, `scripts/train_policy.py` trains a policy that tracks within centimetres.
 

@@ -28,12 +28,23 @@ class ActionLog:
         self._ended: list[tuple[Episode, np.ndarray] | None] = [None] * num_vehicles
 
     def write(self, clocks: np.ndarray, actions: np.ndarray) -> None:
-        """Record actions (N, components). The (N,) clocks are the numbers of ticks since the start of each episode."""
+        """Record the actions of one tick.
+
+        Args:
+            clocks: (N,) numbers of ticks since the start of the current episode of each vehicle.
+            actions: (N, components) actions.
+        """
         vehicles = np.flatnonzero(clocks < len(self._actions))
         self._actions[clocks[vehicles], vehicles] = actions[vehicles]
 
     def end(self, vehicles: np.ndarray, clocks: np.ndarray, episodes: list[Episode]) -> None:
-        """Mark the current episodes of some vehicles as completed; `clocks` contains the clocks of all N vehicles."""
+        """Store the actions of episodes that have ended.
+
+        Args:
+            vehicles: (k,) indices of the vehicles whose episodes have ended.
+            clocks: (N,) numbers of ticks since the start of the current episode of each vehicle.
+            episodes: the k episodes that have ended.
+        """
         for vehicle, episode in zip(vehicles.tolist(), episodes, strict=True):
             self._ended[vehicle] = episode, self._actions[: clocks[vehicle], vehicle].copy()
 

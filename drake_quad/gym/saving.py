@@ -19,7 +19,7 @@ from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import NAME, Scenario
 
-# Name of each activation in the file of a policy, by the name of the PyTorch module.
+# Name of the activation in the file of a policy, for each PyTorch module.
 _ACTIVATIONS: dict[str, Activation] = {
     "Tanh": "tanh",
     "ReLU": "relu",
@@ -62,10 +62,10 @@ def save_policy(
 ) -> Path:
     """Write a network as a controller file, which `load_scenario(..., layers=[path])` combines with a scenario.
 
-    The input x of the first layer is computed from the observation o: x = min(max((o - offset) scale, -limit), limit).
+    The first layer receives the input x = clip((o - offset) * scale, -limit, limit), where o is the observation.
 
     Args:
-        env: environment in which the network was trained, which defines observations and actions.
+        env: environment in which the network was trained. It defines the observations and actions.
         layers: layers of the network, starting at the observation.
         path: path of the .yaml file, whose name becomes the name of the controller. The arrays of the network are
             written to an .npz file in the same folder.
@@ -78,7 +78,7 @@ def save_policy(
 
     Raises:
         InputError: if the files cannot be written, or the network does not match the observations and actions of the
-            environment. In this case existing files are not changed.
+            environment. If the network does not match, existing files are not changed.
     """
     arrays_given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in arrays_given.items() if each is not None}
@@ -159,7 +159,18 @@ def evaluate_layers(
     scale: np.ndarray | None = None,
     limit: float | None = None,
 ) -> np.ndarray:
-    """Return the actions of a network for k observations, (k, components), saturated at ±1; see `save_policy`."""
+    """Return the actions of a network, saturated at ±1.
+
+    Args:
+        layers: layers of the network; see `save_policy`.
+        observations: (k, components) observations.
+        offset: see `save_policy`.
+        scale: see `save_policy`.
+        limit: see `save_policy`.
+
+    Returns:
+        (k, components) actions.
+    """
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
     specified = [Layer(*each) for each in layers]
     neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in specified])
@@ -168,7 +179,7 @@ def evaluate_layers(
 
 
 def scenario_of_env(env: Any) -> Scenario:
-    """Return the scenario of an environment of this package, which may be wrapped by Gymnasium's wrappers.
+    """Return the scenario of an environment of this package. Gymnasium's wrappers may wrap the environment.
 
     Raises:
         InputError: if the environment is not an environment of this package.

@@ -1,4 +1,4 @@
-"""Scenario of an environment. Its control is a policy whose actions are given to the environment."""
+"""Scenario of an environment, whose control is a policy without a network."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,7 +37,9 @@ def environment_scenario(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, overrides)
     elif overrides:
-        raise InputError("overrides apply only to a scenario that is given by file or name, but a Scenario is given")
+        raise InputError(
+            "overrides apply only to a scenario that is loaded by file or name; change the given Scenario instead"
+        )
     control, autopilot = scenario.control, scenario.laboratory.autopilot
     fields = {"kind": "policy", "action": {"kind": "acceleration"}, **control.policy_fields()}
     attitude = fields.pop("attitude", None)

@@ -44,10 +44,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     The scenario defines the task by its route, vehicle and laboratory. Its distributions are sampled for every episode
     of every vehicle. A step is a control tick. A crash terminates an episode, and the end of the flight truncates it.
     In the last step of an episode, `infos["flight"]` contains the metrics of the flight
-    (`drake_quad.laboratory.metrics`) except those of signals that the environment lacks, such as control efforts if no
-    acceleration is commanded, and `obstacle`, the number of the obstacle that the vehicle hit (0 for none). If vehicles
-    are reset in the same step, `infos["final_info"]` contains these values, too. A metric that is a function of a
-    recorded flight requires `record=True`: each completed episode is then flown again in Drake's simulator.
+    (`drake_quad.laboratory.metrics`) and `obstacle`, the number of the obstacle that the vehicle hit (0 for none).
+    Metrics of signals that the environment lacks are left out, such as control efforts if no acceleration is commanded.
+    If vehicles are reset in the same step, `infos["final_info"]` contains these values, too. A metric that is a
+    function of a recorded flight requires `record=True`. Drake's simulator then repeats each completed episode.
 
     If the environment is reset with the seed s, the seed of vehicle i is s + i, and episode j of this vehicle is sample
     j of the study with that seed. With the same actions, `drake_quad.simulate(env.scenario, seed=s + i, sample=j)`
@@ -136,7 +136,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._recorded_metrics and not record:
             raise InputError(
                 f"{join_names([*self._recorded_metrics])} in metrics.additional is computed from a recorded flight;"
-                " create the environment with record=True, which flies each completed episode again, or omit the metric"
+                " create the environment with record=True, which repeats each completed episode in Drake's simulator,"
+                " or omit the metric"
             )
         outputs = tuple(dict.fromkeys((*_REQUIRED_OUTPUTS, *self._signals)))
         self._fleet = ClockedFleet(
@@ -157,7 +158,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = spaces.Box(-1.0, 1.0, (rows["action"],), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._hovering = np.array(control.action.hovering(nominal_parameters(self.scenario)))
+        self._hovering = np.array(control.action.hover_action(nominal_parameters(self.scenario)))
         self._last_action = np.tile(self._hovering, (num_envs, 1))
         self._last_metrics = {name: np.zeros(num_envs) for name in self._metrics}
         self._all = np.arange(num_envs)
@@ -206,8 +207,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(self, actions: np.ndarray | Sequence[Any]) -> StepResult:
         """Simulate one tick for actions (N, components) of all vehicles, and return the results that Gymnasium defines.
 
-        The flight uses actions clipped to the action space, for example if they are samples of a normal distribution.
-        Rewards and observations use the original actions.
+        The flight uses the actions clipped to the action space, since samples of a normal distribution may lie outside
+        it. Rewards and observations use the original actions.
 
         Raises:
             InputError: if the actions have the wrong shape, are not finite real numbers, or exceed 1,000,000 in
@@ -297,7 +298,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return [None if each is None else check_integer(each, "seed", minimum=0, maximum=max_seed) for each in seed]
 
     def _end(self, vehicles: np.ndarray) -> None:
-        """Mark the episodes of some vehicles as completed in the action log, if actions are recorded."""
+        """Store the actions of episodes that have ended in the action log, if actions are recorded."""
         if self._action_log is not None:
             episodes = [self._episodes.episode(i) for i in vehicles.tolist()]
             self._action_log.end(vehicles, self._fleet.clocks, episodes)
@@ -307,7 +308,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         initial = self._episodes.begin(vehicles)
         self._fleet.restart(vehicles, initial)
         self._is_over[vehicles] = False
-        # Earlier transitions refer to the existing array, which must not change.
+        # Earlier transitions contain the existing array, so it must not change.
         self._last_action = self._last_action.copy()
         self._last_action[vehicles] = self._hovering
         for values in self._last_metrics.values():
@@ -351,7 +352,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return values.astype(kind)
 
     def _metric_changes(self, metrics: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the changes of the metrics since the previous step, given their values; NaN counts as 0."""
+        """Return the changes of the metrics since the previous step, given their current values. NaN counts as 0."""
         values = {name: np.where(np.isnan(each), 0.0, each) for name, each in metrics.items()}
         with np.errstate(invalid="ignore"):  # the change of a metric that stays infinite is NaN
             changes = {name: each - self._last_metrics[name] for name, each in values.items()}
@@ -378,7 +379,12 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
 
     def _flights(self, ended: np.ndarray, over: np.ndarray) -> dict[str, Any]:
-        """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
+        """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments.
+
+        Args:
+            ended: (k,) indices of the vehicles whose episodes have ended.
+            over: (N,) Booleans, True for the same vehicles.
+        """
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
         metrics = metric_values(self._available_metrics, sums, self._tick, self._metrics_type)
@@ -404,7 +410,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _final_infos(last_observations: np.ndarray, infos: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
-    """Return the infos `final_obs` and `final_info` of vehicles that are reset in the last step of an episode."""
+    """Return the infos `final_obs` and `final_info` of vehicles that are reset in the last step of an episode.
+
+    Args:
+        last_observations: (N, components) observations before the reset.
+        infos: infos of the step.
+        over: (N,) Booleans, True for vehicles whose episodes have ended.
+    """
     observations = np.full(len(over), None, dtype=object)
     for i in np.flatnonzero(over).tolist():
         observations[i] = last_observations[i].copy()
@@ -426,7 +438,7 @@ def _available_metrics(kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
 
 
 def _checked_metrics(names: Iterable[str], kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
-    """Return the names of metrics, after a check that an environment can compute them at every step.
+    """Check that an environment can compute metrics at every step, and return their names.
 
     Raises:
         InputError: if there is no metric of this name, or the environment cannot compute it at every step.

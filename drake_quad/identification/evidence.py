@@ -1,18 +1,19 @@
 """Information that flight windows contain about the parameters, and uncertainty of the estimates.
 
 To first order around the estimate, a window with whitened errors e and derivatives J adds H_w = Jᵀ J to the information
-and Jᵀ e to the score. If model and noise were correct, the covariance of the estimate θ would be H⁻¹ with H = Σ H_w.
-Model errors last for seconds, however, so the errors of neighbouring windows are correlated. The covariance is
-therefore computed by the jackknife over blocks of adjacent windows,
+and g_w = Jᵀ e to the score, the gradient of ½ eᵀ e. If model and noise were correct, the covariance of the estimate θ
+would be H⁻¹ with H = Σ H_w. Model errors last for seconds, however, so the errors of neighbouring windows are
+correlated. The covariance is therefore computed by the jackknife over blocks of adjacent windows,
 
-    θ₋ᵦ - θ = (H - H_b)⁻¹ Σ_block Jᵀ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ,
+    θ₋ᵦ - θ = (H - H_b)⁻¹ g_b,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ,
 
-where θ₋ᵦ is the estimate without block b. To first order it is the sandwich estimator CR3 of R. M. Bell and
-D. F. McCaffrey (Survey Methodology 28, 2002), which does not underestimate the covariance if there are few blocks.
+where θ₋ᵦ is the estimate without block b, and H_b and g_b are the sums over the windows of block b. To first order, P
+is the sandwich estimator CR3 of R. M. Bell and D. F. McCaffrey (Survey Methodology 28, 2002), which does not
+underestimate the covariance if there are few blocks.
 
 If each block ends in the state in which the next one starts, the scores of neighbouring blocks have a negative
-correlation. Half of the product of neighbouring scores is then added (Bartlett weights with one lag: W. K. Newey and K.
-D. West, Econometrica 55, 1987).
+correlation. The products of the shifts θ₋ᵦ - θ of neighbouring blocks are then added to the sum in P, with the Bartlett
+weight ½ for a lag of one block (W. K. Newey and K. D. West, Econometrica 55, 1987).
 
 A parameter that only a few blocks determine has few degrees of freedom. The degrees of freedom are the effective number
 of blocks, (Σ c_b)² / Σ c_b², minus one, where c_b is the diagonal of H⁻¹ H_b H⁻¹.
@@ -22,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Eigenvalues of the scaled information below this fraction of the largest one are rounding errors.
+# Eigenvalues of the scaled information below this fraction of the largest one are treated as rounding errors.
 _MIN_EIGENVALUE_RATIO = 1e-12
 
 
@@ -32,12 +33,12 @@ class Uncertainty(NamedTuple):
     Attributes:
         covariance: (p, p) covariance of the errors.
         degrees_of_freedom: (p,) degrees of freedom of the Student's t-distribution that each error follows.
-        model: (p, p) covariance that the errors would have if the model and the noise were correct.
+        model_covariance: (p, p) covariance that the errors would have if the model and the noise were correct.
     """
 
     covariance: np.ndarray
     degrees_of_freedom: np.ndarray
-    model: np.ndarray
+    model_covariance: np.ndarray
 
 
 class Evidence(NamedTuple):
@@ -47,7 +48,7 @@ class Evidence(NamedTuple):
         names: (p,) names of the parameters.
         values: (p,) estimates from all windows.
         scales: (p,) standard deviations of the prior.
-        information: (W, p, p) Jᵀ J of each window, in the order of time.
+        information: (W, p, p) Jᵀ J of each window, in chronological order.
         scores: (W, p) Jᵀ e of each window.
         duration: duration of all windows together, s.
     """
@@ -65,15 +66,15 @@ def jackknife(
 ) -> Uncertainty:
     """Return the uncertainty of p parameters, estimated by the jackknife over B blocks.
 
-    Each variance is at least the corresponding variance in `Uncertainty.model`, and each parameter has at least one
-    degree of freedom. If the variance for a correct model is f times the jackknife variance and f > 1, the ν degrees of
-    freedom increase to f² ν (F. E. Satterthwaite, Biometrics Bulletin 2, 1946), since the difference is not estimated
-    from the blocks. They increase to at most ν², because few blocks cannot show that the model is correct.
+    Each variance is at least the corresponding variance in `Uncertainty.model_covariance`, and each parameter has at
+    least one degree of freedom. If the variance for a correct model is f times the jackknife variance and f > 1, the ν
+    degrees of freedom increase to f² ν (F. E. Satterthwaite, Biometrics Bulletin 2, 1946), since the difference is not
+    estimated from the blocks. They increase to at most ν², because few blocks cannot show that the model is correct.
 
     Args:
         information: (B, p, p) information of the blocks.
         scores: (B, p) scores of the blocks.
-        prior: (p,) information of the prior; None without a prior. The error of the prior mean adds to the covariance.
+        prior: (p,) information of the prior; None without a prior. The covariance includes the error of the prior mean.
         adjacent: True if each block ends in the state in which the next one starts.
     """
     num_blocks = len(scores)
@@ -109,8 +110,8 @@ def ratio(numerator: np.ndarray, denominator: np.ndarray, default: float) -> np.
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return the effective number of blocks (p,) that determine each parameter, between 1 and B.
 
-    The number is (Σ c_b)² / Σ c_b², where c_b is the diagonal of H⁻¹ H_b H⁻¹. A parameter that influences no block has
-    the number 1. It keeps its prior mean, and is reported as not identified.
+    The number is (Σ c_b)² / Σ c_b², where c_b is the diagonal of H⁻¹ H_b H⁻¹. The number is 1 for a parameter that
+    influences no block. Such a parameter keeps its prior mean, and is reported as not identified.
 
     Args:
         information: (B, p, p) information H_b of the blocks.

@@ -34,7 +34,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, nominal: Scenario
         curve = nominal.nominal.motors.thrust_curve()
         if curve is None:
             raise InputError(
-                f"{nominal.name} has no nominal.motors; add it with a thrust curve, from which the throttles follow"
+                f"{nominal.name} has no nominal.motors; add nominal.motors with a thrust curve to compute the throttles"
             )
         model = ThrottleModel.of(parameters, curve)
         rows = allocate_throttle(wrench, model, priority).throttle_command  # type: ignore[assignment]

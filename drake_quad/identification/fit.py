@@ -6,7 +6,7 @@ parameters are then
     θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|² + ½ Σ_i (θ_i - θ̄_i)² / s_i²,
 
 where the prior has mean θ̄ and standard deviations s. The minimum is found by SciPy's trust-region least squares. The
-noise is then estimated by maximising the likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², and the gains are computed
+noise is then estimated by maximising the log-likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², and the gains are computed
 again. These steps are repeated until θ converges.
 
 The uncertainty of θ is computed from blocks of windows (`drake_quad.identification.evidence`).
@@ -34,15 +34,15 @@ _MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the paramete
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
 _MAX_NUM_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# A fit with a smaller disturbance must reach a higher log-likelihood than the fit with the larger disturbance. The
-# derivatives at the start of the search predict an increase of the log-likelihood. The fit is skipped if this multiple
-# of the predicted increase would not suffice.
+# A fit with a reduced disturbance is accepted only if it increases the log-likelihood. The derivatives at the start of
+# the search predict how much the search can gain. The search is skipped if even this multiple of the predicted gain
+# would be too small.
 _MAX_GAIN_RATIO = 3.0
 # Rounds of the fit in which smaller disturbing forces and torques are tried: at the start, and when the parameters have
 # nearly converged.
 _TRIAL_ROUNDS = (1, 4)
-# Factors by which the disturbance (force along x, y, z, torque about x, y, z) is reduced in a trial. The trials are
-# needed because Fisher scoring reduces a much too large disturbance only slowly.
+# Factors by which a trial multiplies the standard deviations of the disturbance (force along x, y, z, torque about x,
+# y, z). The trials are needed because Fisher scoring needs many steps if the disturbance is far too large.
 _TORQUE_REDUCTION = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _FORCE_REDUCTION = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
@@ -52,7 +52,7 @@ _MAX_PRIOR_DISTANCE = 2.0
 _RESTART_DISTURBANCE_FACTOR = 0.05
 # The model has diverged if a whitened error exceeds this limit.
 _MAX_WHITENED_ERROR = 1e6
-# Approximate number of measurements from which the noise is estimated in each round.
+# Largest number of samples from which the noise is estimated in each round, unless five windows contain more.
 _MAX_NOISE_SAMPLES = 1500
 # Step of the finite differences with respect to the logarithms of the noise levels.
 _LOG_STEP = 1e-4
@@ -71,8 +71,9 @@ NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 _MAX_DISTURBANCE = 1e3  # m/s² or rad/s², largest estimated standard deviation of the disturbance
 _MIN_CORRELATION_TIME = 0.02  # s, shortest correlation time of the disturbance
 _MAX_CORRELATION_TIME = 20.0  # s, longest correlation time of the disturbance
-# Largest correlation time of a disturbing force along the axes of B, s. A force along z that lasts longer is an error
-# of the thrust curve. If the disturbance included it, only large motions of the rotors would determine the curve.
+# Largest correlation time of the disturbing force along z (along all axes, if the force is along the axes of B), s. A
+# force that lasts longer is attributed to the thrust curve. Otherwise, the disturbance would explain most errors of the
+# curve, and only large changes of the rotor speeds would determine the curve.
 _MAX_THRUST_CORRELATION_TIME = 0.25
 # The fit has diverged if the noise or the disturbance exceeds this fraction of its upper limit.
 _DIVERGENCE_RATIO = 0.99
@@ -191,7 +192,7 @@ def _with_smaller_disturbance(
 ) -> "_Point":
     """Reduce the disturbance as long as the likelihood increases, and return the best point.
 
-    Each step multiplies the disturbance by the factors, at fixed parameters. The parameters are then fitted for the
+    Each step multiplies the disturbance by the factors, with fixed parameters. The parameters are then fitted for the
     best disturbance, and for the next smaller one. The fit with the higher likelihood is returned.
     """
 
@@ -204,8 +205,8 @@ def _with_smaller_disturbance(
     best, likelihood, smaller = point.gains, point.likelihood, None
     while is_reducible(best.noise):
         smaller = predictor.gains(point.values, reduced(best.noise))
-        white = (smaller.whitening @ smaller.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
-        smaller_likelihood = _likelihood(predictor, smaller, white)
+        whitened = (smaller.whitening @ smaller.errors.transpose(0, 2, 1)[..., None])[predictor.evaluated]
+        smaller_likelihood = _likelihood(predictor, smaller, whitened)
         if smaller_likelihood <= likelihood:
             break
         best, likelihood = smaller, smaller_likelihood
@@ -218,10 +219,10 @@ def _with_smaller_disturbance(
     return point
 
 
-def _likelihood(predictor: Predictor, gains: Gains, white: np.ndarray) -> float:
+def _likelihood(predictor: Predictor, gains: Gains, whitened: np.ndarray) -> float:
     """Return the log-likelihood of the measurements up to a constant, given their whitened errors."""
-    factors = np.diagonal(gains.whitening[predictor.counted], axis1=-2, axis2=-1)
-    return float(np.log(factors).sum() - 0.5 * np.sum(white**2))
+    factors = np.diagonal(gains.whitening[predictor.evaluated], axis1=-2, axis2=-1)
+    return float(np.log(factors).sum() - 0.5 * np.sum(whitened**2))
 
 
 def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
@@ -282,17 +283,17 @@ class _Point(NamedTuple):
         # The model may diverge for parameters that the search tries. The search rejects values that are not finite.
         with np.errstate(over="ignore", invalid="ignore"):
             errors, states = predictor.errors(points, gains)
-            counted = predictor.counted
-            whitened = (gains.whitening[counted] @ errors[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)
-            white = whitened.reshape(len(whitened), -1, len(points))
+            evaluated = predictor.evaluated
+            whitened = (gains.whitening[evaluated] @ errors[evaluated].transpose(0, 3, 1, 2)).swapaxes(0, 1)
+            whitened = whitened.reshape(len(whitened), -1, len(points))
             return cls(
                 values,
                 gains,
-                white[:, :, 0],
-                _jacobian(white, increases, delay_index),
+                whitened[:, :, 0],
+                _jacobian(whitened, increases, delay_index),
                 states[:, 0],
                 _jacobian(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
-                _likelihood(predictor, gains, white[:, :, 0]),
+                _likelihood(predictor, gains, whitened[:, :, 0]),
             )
 
 
@@ -312,9 +313,9 @@ def _best_point(
     *,
     min_likelihood: float = -np.inf,
 ) -> _Point:
-    """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
+    """Return the point that minimises the sum of the squared whitened errors and of the squared distance to the prior.
 
-    The search is omitted if it can hardly reach a log-likelihood of `min_likelihood`; see `_MAX_GAIN_RATIO`.
+    The search is skipped if it is unlikely to reach a log-likelihood of `min_likelihood`; see `_MAX_GAIN_RATIO`.
     """
     prior_mean, scale = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
@@ -348,8 +349,8 @@ def _best_point(
     first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
     if np.isfinite(min_likelihood):
         point, residuals, _ = evaluate(first)
-        # Only the last condensed residual does not depend on the parameters. The fit reduces all others to zero if the
-        # errors are linear in the parameters.
+        # If the errors are linear in the parameters, the fit reduces all condensed residuals to zero except the last
+        # one, which does not depend on the parameters.
         predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
         if point.likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
             return point
@@ -380,9 +381,9 @@ def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray,
     norms = np.linalg.norm(jacobian, axis=0)
     normalised = jacobian / norms
     factor = np.linalg.cholesky(normalised.T @ normalised).T
-    along = scipy.linalg.solve_triangular(factor, normalised.T @ residuals, trans="T")
-    across = np.sqrt(max(0.0, float(residuals @ residuals - along @ along)))
-    return np.append(along, across), np.vstack([factor * norms, np.zeros(len(factor))])
+    projected = scipy.linalg.solve_triangular(factor, normalised.T @ residuals, trans="T")
+    remainder = np.sqrt(max(0.0, float(residuals @ residuals - projected @ projected)))
+    return np.append(projected, remainder), np.vstack([factor * norms, np.zeros(len(factor))])
 
 
 def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None) -> np.ndarray:
@@ -412,7 +413,7 @@ def _noise_of(predictor: Predictor, gains: Gains, chosen: np.ndarray | None = No
     """
     noise, groups = gains.noise, predictor.noise_groups
     _, group_rows = np.unique(groups, return_index=True)
-    num_counted = int(np.sum(predictor.counted))
+    num_counted = int(np.sum(predictor.evaluated))
     windows, m = len(predictor.windows), len(noise.measured)
     if chosen is None:
         chosen = np.linspace(0, windows - 1, min(windows, max(5, _MAX_NOISE_SAMPLES // num_counted))).astype(int)
@@ -435,7 +436,7 @@ def _noise_of(predictor: Predictor, gains: Gains, chosen: np.ndarray | None = No
         trial = log_noise.copy()
         trial[free] = np.clip(log_noise[free] + step, lower[free], upper[free])
         # Many steps are rejected. Derivatives are therefore computed only after a step is accepted, and not after the
-        # last.
+        # last step.
         likelihood, *_ = _likelihood_of(predictor, gains, trial, chosen, free[:0])
         gain = likelihood - best
         if not gain > 0.0:
@@ -492,10 +493,10 @@ def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -
     """
     factor = np.linalg.cholesky(covariances[:, 0])
     whitening = np.linalg.inv(factor)
-    white = (whitening[:, None] @ errors[..., None])[..., 0]
-    whitened = white[:, 0]
+    all_whitened = (whitening[:, None] @ errors[..., None])[..., 0]
+    whitened = all_whitened[:, 0]
     likelihood = -np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum() - 0.5 * np.sum(whitened**2)
-    jacobian = (white[:, 1:] - white[:, :1]) / step
+    jacobian = (all_whitened[:, 1:] - all_whitened[:, :1]) / step
     changes = (
         whitening[:, None] @ (covariances[:, 1:] - covariances[:, :1]) @ whitening[:, None].swapaxes(-1, -2) / step
     )

@@ -1,8 +1,8 @@
 """Differences between flights of the same vehicle: thrust, trim force and wind of each flight.
 
 Even in the same mean wind, the mean force on a vehicle differs between flights by several per cent of its weight: the
-battery is at another position, propellers are exchanged, or motors are warm. A fit to all flights estimates the mean of
-the flights. This module estimates the deviation of each flight from this mean.
+battery is mounted in another position, propellers are replaced, or motors are warm. A fit to all flights estimates the
+mean of the flights. This module estimates the deviation of each flight from this mean.
 
 Let θ be the estimates from all flights, and let H_w and g_w be the information and the score of window w. The thrust of
 flight f, divided by the thrust with the parameters θ, is 1 + s_f. Here s_f is the Gauss-Newton step along the direction
@@ -40,6 +40,7 @@ from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.scenario.models import Scenario
 
 TRIM_FORCE = ("trim_force.x", "trim_force.y")
+"""Names of the trim force along x and y of B."""
 MIN_FLIGHTS = 3
 """Smallest number of flights whose variance is estimated. Two flights would leave one degree of freedom."""
 # Trim force and wind are distinguished if the unit vector along the heading has at least this variance, which
@@ -93,10 +94,10 @@ def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> 
         return None
     step = -scores.sum() / information.sum()
     uncertainty = jackknife(information[:, None, None], (scores + information * step)[:, None])
-    return _spread(step, uncertainty, 0, "1")
+    return _estimated_value(step, uncertainty, 0, "1")
 
 
-def _spread(value: float, uncertainty: Uncertainty, index: int, unit: str) -> EstimatedValue:
+def _estimated_value(value: float, uncertainty: Uncertainty, index: int, unit: str) -> EstimatedValue:
     deviation = float(np.sqrt(uncertainty.covariance[index, index]))
     return EstimatedValue(float(value), deviation, unit, float(uncertainty.degrees_of_freedom[index]))
 
@@ -125,7 +126,7 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
         # `gains.disturbance` is the prediction for the next sample, at which the varying force has decayed by the
         # factor `decay`. Dividing by this factor gives the varying force at this sample.
-        components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
+        components = [fitted.gains.disturbance[predictor.evaluated][:, estimated_rows.index(row)] for row in axis_rows]
         forces.append(components[0] / decay[axis] + components[1])
     return np.stack(forces).swapaxes(1, 2)
 
@@ -158,7 +159,8 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
     scores = sums_over_blocks(np.einsum("wki,wk->wi", design, errors) / scale**2, blocks)
     uncertainty = jackknife(information, scores)
     return {
-        name: _spread(value, uncertainty, i, "N") for i, (name, value) in enumerate(zip(names, values, strict=True))
+        name: _estimated_value(value, uncertainty, i, "N")
+        for i, (name, value) in enumerate(zip(names, values, strict=True))
     }
 
 

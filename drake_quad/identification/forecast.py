@@ -22,12 +22,12 @@ _RATE_ROWS = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_r
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> tuple[ForecastOutput, ...]:
     """Forecast each output of a predictor in its windows, with model parameters (p,) and the noise of the filter."""
     gains = predictor.gains(parameters, noise)
-    open_loop_gains = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
-    counted = np.flatnonzero(predictor.counted)
-    errors, initial_state = predictor.errors(parameters[None], open_loop_gains, keep=int(counted[0]))
-    measured = predictor.measured[counted]
-    predicted = measured - errors[counted][:, :, 0]
-    time = predictor.period * np.arange(len(counted))
+    open_loop_gains = gains._replace(gain=np.where(predictor.evaluated[:, None, None, None], 0.0, gains.gain))
+    evaluated = np.flatnonzero(predictor.evaluated)
+    errors, initial_state = predictor.errors(parameters[None], open_loop_gains, return_state_at=int(evaluated[0]))
+    measured = predictor.measured[evaluated]
+    predicted = measured - errors[evaluated][:, :, 0]
+    time = predictor.period * np.arange(len(evaluated))
     persistence_errors = np.empty_like(measured)
     for i, (signal, column) in enumerate(predictor.outputs):
         if signal == FORCE:

@@ -15,7 +15,7 @@ from drake_quad.logs.record import QUANTITIES, FlightRecord
 
 _DIFFERENCE_ORDER = 3  # order of the differences from which white noise is estimated
 _VARIANCE_FACTOR = 20.0  # variance of third differences if errors are independent and have unit variance
-_TRANSITION_TIME = 2.0  # s, duration around take-off and landing that counts neither as rest nor as flight
+_TRANSITION_TIME = 2.0  # s, time before and after each flight that does not count as rest
 _MAX_HOVER_SPEED = 0.15  # m/s, faster motion is not hover
 _MAX_HOVER_RATE = 0.5  # rad/s, faster rotation is not hover
 _MIN_HOVER_TIME = 1.0  # s, shortest hover from which trim is estimated
@@ -114,7 +114,7 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> EstimatedValue:
 
 
 def delay_by_correlation(record: FlightRecord) -> float | None:
-    """Return the delay, s, at which attitude and attitude command correlate most; None if one of them is not logged.
+    """Return the delay, s, of the attitude behind its command with the highest correlation; None if one is not logged.
 
     The result is a rough check of an identified delay. It is longer than that delay, since it includes the response of
     the vehicle.

@@ -60,7 +60,9 @@ def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
         )
 
 
-def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
+def imprecise_parameters(
+    parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty
+) -> dict[str, str]:
     """Return a reason for each parameter whose interval is wide or whose estimate is at a physical limit.
 
     Args:
@@ -95,7 +97,7 @@ def parameters_below_disturbance(
     columns = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
     if len(columns) < 3:
         return {}
-    positions = predictor.measured[predictor.counted][:, columns]
+    positions = predictor.measured[predictor.evaluated][:, columns]
     lag = max(1, round(_SPEED_WINDOW / predictor.period))
     speed = np.sqrt(np.mean((positions[lag:] - positions[:-lag]) ** 2, axis=(0, 2))) / (lag * predictor.period)
     force = float(scenario.vehicle.mass) * fitted.noise.force
@@ -139,7 +141,9 @@ def undetermined_parameters(scenario: Scenario, names: Sequence[str]) -> dict[st
     """Return a reason for each parameter that no log of this vehicle can determine."""
     reasons = {"mass": "motion determines forces only relative to the mass, so weigh the vehicle"}
     if "inertia[2]" in names:
-        reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], whose estimate assumes the given value"
+        reasons["drag_factor"] = (
+            "the yaw motion determines only its ratio to inertia[2]; the estimate of inertia[2] assumes the given value"
+        )
     if scenario.vehicle.motors.take_throttles:
         reasons["thrust_factor"] = "a log of motors with throttle commands determines thrusts, not rotor speeds"
     if "linear_drag" in names and scenario.vehicle.quadratic_drag > 0.0:

@@ -5,7 +5,7 @@ A Kalman filter, whose model is the vehicle, predicts each measurement from the 
 prior around the values of a data sheet (`drake_quad.identification.fit`).
 
 The same method applies to all logs. The commands may be rotor commands, or attitude commands to an autopilot. The
-measurements may come from an accelerometer or from motion capture, or may be heights only. Logs differ only in the
+measurements may come from an accelerometer, from motion capture, or from a height sensor alone. Logs differ only in the
 outputs that are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these outputs may
 determine (`drake_quad.identification.parameters`).
 
@@ -28,7 +28,7 @@ from drake_quad.identification.forecast import forecast
 from drake_quad.identification.identifiability import (
     check_forecast,
     check_thrust,
-    not_identified,
+    imprecise_parameters,
     parameters_below_disturbance,
     undetermined_parameters,
     unexcited_parameters,
@@ -106,7 +106,9 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
         training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
         training = fit(logs.predictor(parameter_names(parameters), training_masks), parameters, noise)
         forecasts = forecast(
-            logs.predictor(parameter_names(parameters), held_out_masks, horizon=True), training.values, training.noise
+            logs.predictor(parameter_names(parameters), held_out_masks, for_forecast=True),
+            training.values,
+            training.noise,
         )
         check_forecast(forecasts)
         start, noise = training.values, training.noise
@@ -169,7 +171,7 @@ def _result(
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     uncertainty = with_averaging_error(uncertainty, names, fitted.values, logs.averaging_period)
     remarks = [*_remarks(predictor, fitted, names), *steep_pitch_remarks(logs.records)]
-    unidentified = not_identified(parameters, fitted.values, uncertainty)
+    unidentified = imprecise_parameters(parameters, fitted.values, uncertainty)
     unidentified |= distorted_parameters(logs.records, parameters, fitted.noise)
     if {*names} <= {*unidentified, DELAY}:
         raise InputError(
@@ -212,8 +214,8 @@ def _result(
         numbers[DELAY] = delay.value
     noise_deviations = map(float, fitted.noise.measured)
     outputs = tuple(
-        output._replace(deviation=vehicle_indices)
-        for output, vehicle_indices in zip(forecasts, noise_deviations, strict=False)
+        output._replace(deviation=noise_deviation)
+        for output, noise_deviation in zip(forecasts, noise_deviations, strict=False)
     )
     coverage = {name: each for name, each in hold_out_check(evidence).items() if name not in unidentified}
     result_delay = None if DELAY in unidentified else delay

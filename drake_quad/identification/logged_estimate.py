@@ -1,12 +1,12 @@
-"""Estimation of a logged flight: an error-state Kalman filter on the inertial sensors and positions of a log.
+"""State estimation for a logged flight, by an error-state Kalman filter that processes the inertial sensors of a log.
 
-The log contains inertial sensors, and position and attitude from motion capture, which count as the truth. The filter
-uses the initial yaw, every n-th position, and optionally the attitude at the time of this position. If the log also
-contains the estimate of a filter that flew on board, the errors of both filters can be compared.
+The log contains measurements of inertial sensors, and position and attitude from motion capture, which serve as ground
+truth. The filter uses the initial yaw, every n-th position, and optionally the attitude at the time of this position.
+If the log also contains an on-board estimate, the errors of both estimates can be compared.
 
-Signals that arrive over a radio are late. The lag of the inertial sensors is estimated and removed: it is the lag of
-the gyroscope behind the rotation of motion capture, with the smallest mean squared difference. The lag of an estimate
-from on board is the one with the smallest error of the position, so that the comparison favours this estimate.
+Signals that are received over a radio link lag behind motion capture. The lag of the inertial sensors minimises the
+mean squared difference between the gyroscope and the body rates from motion capture. This lag is removed before the
+filter runs. The lag of an on-board estimate minimises its position error, so the comparison favours this estimate.
 """
 
 from typing import Any, NamedTuple
@@ -33,20 +33,20 @@ CRAZYFLIE_POSITION_NOISE = 0.01
 CRAZYFLIE_ATTITUDE_NOISE = 0.0045
 """Standard deviation that the firmware assumes for an external attitude (extQuatStdDev), rad."""
 
-_INNOVATION_LIMIT = 25.0  # squared
-_RESET_TIME = 0.1  # s, after which rejected positions reset the estimate
-# Initial deviations: the position is unknown, and the vehicle rests with a known yaw.
-_INITIAL = EstimateDeviation(*[10.0] * 3, *[0.1] * 3, *[0.05] * 3, *[0.01] * 3, *[0.2] * 3)
+_MAX_SQUARED_INNOVATION = 25.0  # limit of a squared normalised innovation (five standard deviations)
+_RESET_TIME = 0.1  # s; if positions are rejected for this duration, the estimate is reset
+# Initially, the position is unknown, the vehicle is at rest, and its yaw is known.
+_INITIAL_DEVIATION = EstimateDeviation(*[10.0] * 3, *[0.1] * 3, *[0.05] * 3, *[0.01] * 3, *[0.2] * 3)
 _MIN_HEIGHT = 0.1  # m, height above the start at which the vehicle counts as flying
-_MAX_LAG = 0.1  # s
-_LAG_STEP = 0.002  # s
+_MAX_LAG = 0.1  # s, largest lag that is tried
+_LAG_STEP = 0.002  # s, difference between two lags that are tried
 _MIN_SAMPLES = 100
-_REQUIRED = "position", "attitude", "body_rates", "specific_force"
-_PERIOD_STEP = 1e-4  # s, to which the sampling period is rounded
+_REQUIRED_SIGNALS = "position", "attitude", "body_rates", "specific_force"
+_PERIOD_RESOLUTION = 1e-4  # s; the sampling period is rounded to a multiple of this
 
 
 class EstimateErrors(NamedTuple):
-    """Errors of an estimate over time.
+    """Errors of an estimate at n times.
 
     Attributes:
         position: (n, 3) error of the position in W, m.
@@ -64,7 +64,7 @@ class EstimateErrors(NamedTuple):
         """Return the root-mean-square errors of position (m), velocity (m/s), tilt (rad) and yaw (rad).
 
         Args:
-            mask: (n,) True for the samples over which the means are taken.
+            mask: (n,) mask of the samples over which the errors are averaged.
         """
         distances = (np.linalg.norm(each, axis=1) for each in (self.position, self.velocity))
         position, velocity, tilt, yaw = (
@@ -74,18 +74,19 @@ class EstimateErrors(NamedTuple):
 
 
 class LoggedEstimate(NamedTuple):
-    """Estimate of a logged flight.
+    """Estimate for a logged flight.
 
     Attributes:
         time: (n,) times, s.
-        is_flying: (n,) True while the vehicle is above its initial height.
+        is_flying: (n,) mask of the samples in which the vehicle flies.
         errors: errors of the filter.
-        deviations: (n, 15) standard deviations that the filter estimates, in the order of `EstimateDeviation`.
+        deviations: (n, 15) standard deviations of the errors according to the filter, in the order of
+            `EstimateDeviation`.
         innovations: (n, m) latest normalised innovations: three of the position, and three of the attitude if the
             filter uses it.
         gyroscope_bias: (3,) bias of the gyroscope at the end, rad/s.
         accelerometer_bias: (3,) bias of the accelerometer at the end, m/s².
-        lag: lag of the inertial sensors that was removed, s.
+        lag: lag of the inertial sensors behind motion capture, which was removed, s.
         period: sampling period of the inertial sensors, s.
     """
 
@@ -101,7 +102,7 @@ class LoggedEstimate(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """Signals of a flight at a constant period; arrays have the shape (n, 3)."""
+    """Signals of a flight, resampled at a constant period; all except the time have the shape (n, 3)."""
 
     time: np.ndarray
     position: np.ndarray
@@ -123,7 +124,7 @@ def estimate_logged_flight(
 
     Args:
         record: log with position, attitude, body rates and specific force.
-        num_skipped: number of positions that are left out between two that are used.
+        num_skipped: number of positions that the filter skips between two positions that it uses.
         noise: assumed noise of the inertial sensors.
         position_noise: assumed standard deviation of a position on each axis, m.
         attitude_noise: assumed standard deviation of an attitude about each axis, rad; None to use no attitudes.
@@ -137,10 +138,10 @@ def estimate_logged_flight(
         raise InputError(f"the log {record.name} has {len(table.time)} samples; an estimate needs {_MIN_SAMPLES}")
     lag, samples = _gyroscope_lag(table, period), num_skipped + 1
     aiding: Any = PositionAiding(position_noise, position_noise, position_noise)
-    readings, kind = table.position, "position"
+    aiding_readings, kind = table.position, "position"
     if attitude_noise is not None:
         aiding, kind = PoseAiding(aiding, AttitudeAiding(attitude_noise)), "pose"
-        readings = np.hstack([table.position, table.attitude, np.zeros((len(table.time), 6))])
+        aiding_readings = np.hstack([table.position, table.attitude, np.zeros((len(table.time), 6))])
     max_rejections = max(1.0, round(_RESET_TIME / (samples * period)))
     system = ErrorStateKalmanFilter(
         aiding=(Aiding("position", kind, samples),),
@@ -148,30 +149,32 @@ def estimate_logged_flight(
         block_samples=samples,
         parameters=FilterParameters(
             noise,
-            _INITIAL,
-            (AidingParameters(aiding, _INNOVATION_LIMIT, max_rejections),),
+            _INITIAL_DEVIATION,
+            (AidingParameters(aiding, _MAX_SQUARED_INNOVATION, max_rejections),),
             initial_yaw=float(table.attitude[0, 2]),
         ),
     )
     context = system.CreateDefaultContext()
-    # A reading acts until the next sample, so it is taken in the middle.
+    # The filter holds each reading for one period, so the reading is taken in the middle of the period.
     middle = table.time + 0.5 * period + lag
-    gyroscope, accelerometer = (_shifted(middle, table.time, each) for each in (table.body_rates, table.specific_force))
+    gyroscope, accelerometer = (
+        _interpolated(middle, table.time, each) for each in (table.body_rates, table.specific_force)
+    )
     num_steps = len(table.time) - 1
     states, deviations, innovations = np.zeros((num_steps, 12)), np.zeros((num_steps, 15)), []
     for k in range(num_steps):
-        for name, values in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("position", readings)):
+        for name, values in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("position", aiding_readings)):
             system.GetInputPort(name).FixValue(context, values[k])
         context.SetTime((k + 1) * period)
         context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context).Clone())
         states[k] = system.GetOutputPort("measurement").Eval(context)
         deviations[k] = system.GetOutputPort("estimate_deviation").Eval(context)
         innovations.append(system.GetOutputPort("innovation").Eval(context))
-    estimate, later = system.get_state(context, "estimate"), _Table(*(column[1:] for column in table))
+    estimate, truth = system.get_state(context, "estimate"), _Table(*(column[1:] for column in table))
     return LoggedEstimate(
-        later.time,
-        _is_flying(later),
-        _errors(later, states[:, 0:3], states[:, 6:9], states[:, 3:6]),
+        truth.time,
+        _is_flying(truth),
+        _errors(truth, states[:, 0:3], states[:, 6:9], states[:, 3:6]),
         deviations,
         np.array(innovations),
         np.array(estimate.gyroscope_bias),
@@ -182,11 +185,11 @@ def estimate_logged_flight(
 
 
 def errors_on_board(record: FlightRecord, on_board: FlightRecord) -> tuple[EstimateErrors, np.ndarray, float]:
-    """Return the errors of an estimate from on board, whether the vehicle flies, and the lag of the estimate, s.
+    """Return the errors of an on-board estimate, a mask of the samples in flight, and the lag of the estimate, s.
 
     Args:
         record: log with the true position and attitude.
-        on_board: the same log, with the estimate from on board in place of the truth.
+        on_board: the same log, with the on-board estimate in place of the true values.
 
     Raises:
         InputError: if a log lacks position or attitude.
@@ -201,8 +204,8 @@ def errors_on_board(record: FlightRecord, on_board: FlightRecord) -> tuple[Estim
         velocity = np.gradient(on_board.position, on_board.time, axis=0)  # type: ignore[arg-type]
     for lag in np.arange(0.0, _MAX_LAG, _LAG_STEP):
         times = table.time + lag
-        position, speed = (_shifted(times, on_board.time, each) for each in (on_board.position, velocity))
-        errors = _errors(table, position, speed, _shifted_angles(times, on_board.time, on_board.attitude))
+        position, speed = (_interpolated(times, on_board.time, each) for each in (on_board.position, velocity))
+        errors = _errors(table, position, speed, _interpolated_angles(times, on_board.time, on_board.attitude))
         if best is None or errors.root_mean_squares(is_flying)[0] < best[0].root_mean_squares(is_flying)[0]:
             best = errors, is_flying, float(lag)
     assert best is not None
@@ -216,52 +219,53 @@ def _check(record: FlightRecord, names: tuple[str, ...]) -> None:
 
 
 def _period_of(record: FlightRecord) -> float:
-    """Return the median sampling period of a log, s."""
-    return max(_PERIOD_STEP, _PERIOD_STEP * round(float(np.median(np.diff(record.time))) / _PERIOD_STEP))
+    """Return the median sampling period of a log, s, rounded to 0.1 ms."""
+    median = float(np.median(np.diff(record.time)))
+    return max(_PERIOD_RESOLUTION, _PERIOD_RESOLUTION * round(median / _PERIOD_RESOLUTION))
 
 
 def _resampled(record: FlightRecord, time: np.ndarray) -> _Table:
-    """Return the signals of a record at given times, s."""
-    _check(record, _REQUIRED)
+    """Return the signals of a record at given times, s, by linear interpolation."""
+    _check(record, _REQUIRED_SIGNALS)
     velocity = record.velocity
     if velocity is None:
         velocity = np.gradient(record.position, record.time, axis=0)  # type: ignore[arg-type]
     position, body_rates, force = (
-        _shifted(time, record.time, each) for each in (record.position, record.body_rates, record.specific_force)
+        _interpolated(time, record.time, each) for each in (record.position, record.body_rates, record.specific_force)
     )
-    attitude = _shifted_angles(time, record.time, record.attitude)
-    return _Table(time, position, _shifted(time, record.time, velocity), attitude, body_rates, force)
+    attitude = _interpolated_angles(time, record.time, record.attitude)
+    return _Table(time, position, _interpolated(time, record.time, velocity), attitude, body_rates, force)
 
 
 def _gyroscope_lag(table: _Table, period: float) -> float:
-    """Return the lag (s) of the gyroscope behind the rotation of motion capture."""
+    """Return the lag, s, of the gyroscope behind the body rates that follow from the attitude of motion capture."""
     rotations = rotation_matrices(table.attitude)
     rates = (rotations[:-2].inv() * rotations[2:]).as_rotvec() / (2.0 * period)
     lags, times = np.arange(-_MAX_LAG, _MAX_LAG, _LAG_STEP), table.time[1:-1]
-    errors = [np.square(rates - _shifted(times + lag, table.time, table.body_rates)).mean() for lag in lags]
+    errors = [np.square(rates - _interpolated(times + lag, table.time, table.body_rates)).mean() for lag in lags]
     return float(lags[int(np.argmin(errors))])
 
 
-def _shifted(times: np.ndarray, clock: np.ndarray, values: np.ndarray | None) -> np.ndarray:
-    """Return linearly interpolated columns (n, 3) of a signal."""
+def _interpolated(times: np.ndarray, clock: np.ndarray, values: np.ndarray | None) -> np.ndarray:
+    """Return a signal (n, 3) at given times by linear interpolation between the samples at the times `clock`."""
     assert values is not None
     return np.stack([np.interp(times, clock, column) for column in values.T], axis=1)
 
 
-def _shifted_angles(times: np.ndarray, clock: np.ndarray, angles: np.ndarray | None) -> np.ndarray:
-    """Return linearly interpolated angles (n, 3), which may wrap."""
+def _interpolated_angles(times: np.ndarray, clock: np.ndarray, angles: np.ndarray | None) -> np.ndarray:
+    """Return angles (n, 3), which may wrap, at given times by linear interpolation."""
     assert angles is not None
-    return _shifted(times, clock, np.unwrap(angles, axis=0))
+    return _interpolated(times, clock, np.unwrap(angles, axis=0))
 
 
 def _is_flying(table: _Table) -> np.ndarray:
-    """Return the mask (n,) of the samples above the initial height; of all samples if there are none."""
+    """Return a mask (n,) of the samples above the initial height, or of all samples if there are none."""
     mask = table.position[:, 2] > table.position[0, 2] + _MIN_HEIGHT
     return mask if mask.any() else np.ones_like(mask)
 
 
 def _errors(table: _Table, position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> EstimateErrors:
-    """Return the errors of an estimate, whose arrays have the shape (n, 3)."""
+    """Return the errors of estimated positions, velocities and attitudes, each of shape (n, 3)."""
     true, estimated = (rotation_matrices(each).as_matrix() for each in (table.attitude, attitude))
     cosine = np.clip((true[:, :, 2] * estimated[:, :, 2]).sum(axis=1), -1.0, 1.0)
     yaw = attitude[:, 2] - table.attitude[:, 2]

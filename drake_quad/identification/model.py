@@ -6,15 +6,15 @@ attitude loop is modelled as a whole. The model simulates windows of a log for s
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
 B (for an attitude response, accelerations of the angles). The force is constant during a step: along the axes of W if
 positions, attitudes or velocities are measured, otherwise along the axes of B. The axes of W are preferred, since a
-vehicle leans into the wind: along the axes of B, the force of a constant wind would always have a component along the
+vehicle leans into the wind: along the axes of B, the force of a constant wind would have a constant component along the
 thrust.
 
 Commands act after a delay. A command that is constant between samples and delayed by n + f samples has the mean
 
     (1 - f) u[k - n] + f u[k - n - 1],  0 ≤ f < 1,
 
-over one step. The model uses this mean, which is continuous in the delay. The effect on the rotors is correct to first
-order in the ratio of the step to their time constant.
+over one step. The model uses this mean, which is continuous in the delay. The resulting rotor speeds are correct to
+first order in the ratio of the step to the time constant of the rotors.
 """
 
 from collections.abc import Sequence
@@ -283,7 +283,7 @@ def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
 
     The result is 1 if no voltage is logged, or if the rotors are commanded by speed.
     """
-    if record.battery_voltage is None or not model.throttles or model.voltage is None:
+    if record.battery_voltage is None or not model.takes_throttles or model.voltage is None:
         return np.ones(len(record.time))
     width = max(1, round(_VOLTAGE_WINDOW / record.period)) // 2 * 2 + 1
     padded = np.pad(record.battery_voltage, width // 2, mode="edge")
@@ -319,13 +319,13 @@ class LogModel:
         voltage: float | None = None,
     ) -> None:
         self.scenario, self.names, self.frame = scenario, tuple(names), frame
-        self.throttles = scenario.vehicle.motors.take_throttles
-        self.responds = scenario.laboratory.autopilot.models_vehicle
+        self.takes_throttles = scenario.vehicle.motors.take_throttles
+        self.has_attitude_response = scenario.laboratory.autopilot.models_vehicle
         self._delay, self.voltage = delay, voltage
         self._paths = {
             scenario_path(name): i for i, name in enumerate(names) if name != DELAY and name not in MISALIGNMENT
         }
-        command = layout_of(Throttle if self.throttles else RotorSpeed)
+        command = layout_of(Throttle if self.takes_throttles else RotorSpeed)
         model_parameters = self.physical_parameters(np.empty((1, len(names))) + 1.0)
         self.layout = layout_of(ModelParameters, model_parameters)
         body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
@@ -341,7 +341,7 @@ class LogModel:
     @property
     def command_signal(self) -> str:
         """Name of the signal that contains the commands of the rotors."""
-        return "motor_command" if self.throttles else "rotor_speed_command"
+        return "motor_command" if self.takes_throttles else "rotor_speed_command"
 
     @property
     def delay_index(self) -> int | None:
@@ -354,7 +354,7 @@ class LogModel:
             self.scenario, lambda path, value: parameters[:, self._paths[path]] if path in self._paths else value
         )
         response = None
-        if self.responds:
+        if self.has_attitude_response:
             autopilot = scenario.laboratory.autopilot
             frequency, damping = autopilot.natural_frequency, autopilot.damping
             response = AttitudeResponse(NaturalFrequencies(*frequency), DampingRatios(*damping))
@@ -377,15 +377,15 @@ class LogModel:
         return np.full(len(parameters), self._delay) if index is None else parameters[:, index]
 
     def measured_state(self, state: np.ndarray) -> np.ndarray:
-        """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
-        if self.responds:
+        """Return the states (12, S) that motion capture would measure, with the misalignment of the scenario."""
+        if self.has_attitude_response:
             state = np.stack(state_from_body(AttitudeResponseBody(*state), small_rotation))
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
-        turn = rotation_matrices(misalignment)
+        body_from_markers = rotation_matrices(misalignment)
         position, attitude, *rest = np.split(state, len(STATE_ROWS))
-        angles = (rotation_matrices(attitude.T) * turn).as_euler("ZYX").T[::-1]
+        angles = (rotation_matrices(attitude.T) * body_from_markers).as_euler("ZYX").T[::-1]
         return np.concatenate([position, angles, *rest])
 
 
@@ -437,7 +437,7 @@ class WindowInputs(NamedTuple):
             voltage = relative_voltage(record, model)
             steps = np.diff(record.time, append=record.time[-1] + record.period)
             size = len(steps)
-            attitude = record.of("attitude_command") if model.responds else np.zeros((size, 3))
+            attitude = record.of("attitude_command") if model.has_attitude_response else np.zeros((size, 3))
             rows.append(np.hstack([record.of(model.command_signal), attitude]))
             winds.append(np.tile(default_wind, (size, 1)) if record.wind is None else record.wind)
             spans.append(np.column_stack([np.minimum(steps, 3.0 * split * period) / split, voltage]))
@@ -487,7 +487,7 @@ class ModelFlight:
         return self._command[:NUM_ROTORS]
 
     def _run(self, formula: Any, *rows: np.ndarray) -> None:
-        """Evaluate a formula of the model. `rows` are the arrays of its results, to be overwritten, and its inputs."""
+        """Evaluate a formula of the model. `rows` are its output arrays, which are overwritten, and then its inputs."""
         formula(self._size, 0.0, *(each.reshape(-1) for each in rows), self._numbers)
 
     def _read_inputs(self) -> None:

@@ -52,8 +52,8 @@ def parameters_of(
     Args:
         scenario: scenario with the initial values.
         signals: signals that are predicted.
-        has_motor_throttles: True if the logs contain a throttle for each motor, False if only a common thrust is
-            logged.
+        has_motor_throttles: True if the logs contain a throttle for each motor, False if they contain only the total
+            thrust.
         delay: initial delay, s.
         max_delay: largest delay in either direction, s.
     """
@@ -79,42 +79,43 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
     vehicle: Any = scenario.vehicle
     autopilot: Any = scenario.laboratory.autopilot
     responds = scenario.laboratory.autopilot.models_vehicle
-    turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
-    mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
+    measures_rotation = bool({"attitude", "body_rates"} & signals)
+    measures_translation = bool({"position", "velocity"} & signals)
+    mass, hover_thrust, arm_length = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # All thrusts are near the hover thrust if only heights are logged, or one command for all motors. Such logs
-        # identify only two coefficients of the thrust curve.
-        powers = (0, 1, 2) if has_motor_throttles and turning else (0, 1) if turning else (0, 2)
+        # If only heights are logged, or one common command for all motors, all thrusts are near the hover thrust. Such
+        # logs identify only two coefficients of the thrust curve.
+        powers = (0, 1, 2) if has_motor_throttles and measures_rotation else (0, 1) if measures_rotation else (0, 2)
         for i in powers:
-            yield f"motors.curve[{i}]", hover, "any"
+            yield f"motors.curve[{i}]", hover_thrust, "any"
     else:
         yield "thrust_factor", vehicle.thrust_factor, "positive"
     yield "rotor_time_constant", _TIME_CONSTANT_SCALE, "positive"
     if vehicle.rotor_time_constant_down is not None and not responds:
         yield "rotor_time_constant_down", _TIME_CONSTANT_SCALE, "positive"
-    if turning and responds:
+    if measures_rotation and responds:
         for i, frequency in enumerate(autopilot.natural_frequency):
             yield f"autopilot.natural_frequency[{i}]", 0.5 * frequency, "positive"
         for i in range(3):
             yield f"autopilot.damping[{i}]", 0.5, "positive"
-    elif turning:
+    elif measures_rotation:
         for i in range(3):
             yield f"inertia[{i}]", vehicle.inertia[i], "positive"
         for i in range(2):
-            yield f"centre_of_mass[{i}]", 0.2 * arm, "any"
+            yield f"centre_of_mass[{i}]", 0.2 * arm_length, "any"
         if vehicle.reaction_torque:
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
-    if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
-        yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
-    # An accelerometer identifies only the product of drag and velocity if no velocity is measured.
-    if not moving:
+    if not responds and measures_rotation and FORCE in signals and vehicle.body_drag is not None:
+        yield "body_drag.centre_of_pressure[2]", 0.2 * arm_length, "any"
+    # Without a measured velocity, an accelerometer identifies only the product of drag and velocity.
+    if not measures_translation:
         return
     if "attitude" in signals and "position" in signals:
         for name in MISALIGNMENT[:2]:
             yield name, 0.05, "any"
     if vehicle.linear_drag > 0.0:
         yield "linear_drag", vehicle.linear_drag, "not negative"
-    if turning and (responds or vehicle.body_drag is not None):
+    if measures_rotation and (responds or vehicle.body_drag is not None):
         initial_drag = (0.0,) * 3 if vehicle.body_drag is None else vehicle.body_drag.linear
         for i in range(2):
             yield f"body_drag.linear[{i}]", max(0.3 * mass, initial_drag[i]), "not negative"
@@ -122,7 +123,7 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
             for i in range(3):
                 yield f"body_drag.quadratic[{i}]", 0.05 * mass, "not negative"
         if not responds and FORCE not in signals:
-            yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
+            yield "body_drag.centre_of_pressure[2]", 0.2 * arm_length, "any"
     if responds or vehicle.rotor_aerodynamics is not None:
         if responds:
             yield "rotor_aerodynamics.lift", 0.05 * mass, "not negative"

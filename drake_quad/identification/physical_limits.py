@@ -2,7 +2,7 @@
 
 Each moment of inertia of a rigid body is the sum of two second moments,
 
-    I_x = m_y + m_z,   I_y = m_z + m_x,   I_z = m_x + m_y,   m_x, m_y, m_z ≥ 0,
+    I_x = m_y + m_z,   I_y = m_z + m_x,   I_z = m_x + m_y,   m_x, m_y, m_z ≥ 0.
 
 The thrust K0 + K1 u + K2 u² of a motor is not negative, and does not decrease, for throttles u from 0 to 1 if
 
@@ -25,14 +25,13 @@ _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
 # Matrix from the moments of inertia to the second moments of the mass along x, y and z, which are never negative.
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 # Matrix from the coefficients of the thrust curve to the thrust at zero throttle, and the slopes of the curve at zero
-# and at full throttle. None of them is negative.
+# and at full throttle. None of these three values is negative.
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
-# Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
-# point. Identified moments of inertia have errors of at least 0.1 %, so even flat vehicles are above the limit. If the
-# data sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
-_MIN_SECOND_MOMENT = 1e-3
-# Largest thrust at zero throttle, relative to the thrust of a rotor in hover.
-_MAX_IDLE_THRUST = 0.5
+# Lower limit of a second moment, relative to the smallest initial moment of inertia, so that no moment of inertia is
+# zero. If the initial moments of inertia imply a smaller second moment, as for a flat vehicle, that value is the limit.
+_MIN_SECOND_MOMENT_RATIO = 1e-3
+# Upper limit of the thrust at zero throttle, relative to the thrust of a rotor in hover.
+_MAX_IDLE_THRUST_RATIO = 0.5
 # A variable counts as being at a limit if its distance to the limit is less than this fraction of its scale.
 _LIMIT_TOLERANCE = 1e-3
 
@@ -70,10 +69,10 @@ class SearchVariables(NamedTuple):
             matrix[np.ix_(indices, indices)] = rows
             lower[indices], upper[indices] = 0.0, np.inf
             if group is _INERTIA:
-                lower[indices] = np.minimum(rows @ start[indices], _MIN_SECOND_MOMENT * start[indices].min())
+                lower[indices] = np.minimum(rows @ start[indices], _MIN_SECOND_MOMENT_RATIO * start[indices].min())
             else:
                 idle = names.index(_CURVE[0])
-                upper[idle] = max(_MAX_IDLE_THRUST * scale[idle], start[idle])
+                upper[idle] = max(_MAX_IDLE_THRUST_RATIO * scale[idle], start[idle])
         return cls(matrix, np.linalg.inv(matrix), lower, upper, np.abs(matrix) @ scale)
 
     def limited(self, values: np.ndarray) -> np.ndarray:

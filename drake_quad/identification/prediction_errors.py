@@ -32,7 +32,8 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, wrapped_an
 from drake_quad.logs.record import FlightRecord
 
 FORCE = "specific_force"
-# State components of roll, pitch and yaw.
+"""Name of the signal that an accelerometer measures."""
+# Rows of roll, pitch and yaw in the state.
 _ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
 # Finite-difference steps for the linearisation of the filter, each in the unit of its state component.
 _LINEARISATION_STEPS = np.append(np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3), [1e-3, 1e-3])
@@ -113,7 +114,8 @@ class Gains(NamedTuple):
         transition: (T, W, n, n) transition matrices to the next measurement.
         output: (T, W, m, n) derivatives of the outputs with respect to the state.
         errors: (T, m, W) prediction errors.
-        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in all other state components.
+        disturbance: (T, n, W) predicted disturbance at the next measurement; the rows of all other state components are
+            0.
         initial_covariance: (W, n, n) covariance of the state at the first measurement.
         final_covariance: (W, n, n) covariance of the state at the measurement where the next window starts.
         noise: noise for which the gains were computed.
@@ -138,8 +140,8 @@ class InitialStates(NamedTuple):
         jacobian: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives with respect to the parameters.
         parameters: (p,) parameters for which `state` holds.
         covariance: (W, n, n) covariances of continued windows.
-        continued: (W,) mask of the windows that start in the final state of the preceding window. The initial state of
-            all other windows is uncertain.
+        continued: (W,) mask of the windows that start in the final state of the preceding window. All other windows
+            start with the uncertain initial state.
     """
 
     state: np.ndarray
@@ -176,7 +178,7 @@ class Predictor:
         self.model, self.windows, self.sizes, self.outputs, self.split = model, windows, sizes, outputs, split
         self.inputs = WindowInputs.of(records, model, windows, sizes, split=split, max_delay=max_delay)
         offsets = np.arange(-sizes.settle, sizes.length)
-        self.counted = offsets >= 0
+        self.evaluated = offsets >= 0
         measured = [
             [
                 records[record].of(signal)[np.minimum(start + offsets, len(records[record].time) - 1), column]
@@ -213,7 +215,9 @@ class Predictor:
         shared = {"position": (0, 0, 0), "attitude": (0, 0, 0)}
         names = [f"{signal}{shared.get(signal, (0, 0, 2))[column]}" for signal, column in self.outputs]
         names += [
-            f"{name}{axis}" for name in ("force", "torque", "force memory", "torque memory") for axis in (0, 0, 2)
+            f"{name}{axis}"
+            for name in ("force", "torque", "force correlation time", "torque correlation time")
+            for axis in (0, 0, 2)
         ]
         return np.unique(names, return_inverse=True)[1]
 
@@ -265,10 +269,10 @@ class Predictor:
     def _predicted(self, flight: ModelFlight, state: np.ndarray) -> np.ndarray:
         """Return the predicted outputs (m, K, W) for a state."""
         predicted = state[self._output_rows]
-        for signal, law in ((FORCE, flight.specific_force), ("attitude", flight.measured_attitude)):
+        for signal, measurement in ((FORCE, flight.specific_force), ("attitude", flight.measured_attitude)):
             columns = [column for name, column in self.outputs if name == signal]
             if columns:
-                predicted[[name == signal for name, _ in self.outputs]] = law(state)[columns]
+                predicted[[name == signal for name, _ in self.outputs]] = measurement(state)[columns]
         return predicted
 
     def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
@@ -333,24 +337,26 @@ class Predictor:
         _, _, _, covariance, continued = self.initial
         return np.where(continued[:, None, None], covariance, np.diag(variances[self.rows]))
 
-    def errors(self, parameters: np.ndarray, gains: Gains, *, keep: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def errors(
+        self, parameters: np.ndarray, gains: Gains, *, return_state_at: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors for K sets of parameters, all with the same filter gains.
 
         Args:
             parameters: (K, p) parameters.
             gains: gains of the filter.
-            keep: index of a measurement. The returned state is the predicted state just before this measurement. By
-                default, it is the measurement at which the next window starts.
+            return_state_at: index of a measurement. The returned state is the predicted state just before this
+                measurement. By default, it is the measurement at which the next window starts.
 
         Returns:
             (T, m, K, W) errors, and (NUM_BODY + NUM_DISTURBANCE, K, W) states.
         """
-        keep = self.sizes.length if keep is None else keep
+        return_state_at = self.sizes.length if return_state_at is None else return_state_at
         flight, state = self._begin(parameters)
         decay, errors = gains.noise.decay(self.period), np.empty((*self.measured.shape[:2], *state.shape[1:]))
         gains_of_windows = np.ascontiguousarray(gains.gain.transpose(0, 3, 1, 2))
         for j in range(len(self.measured)):
-            if j == keep:
+            if j == return_state_at:
                 kept_state = state.copy()
             errors[j] = self._errors(j, self._predicted(flight, state))
             # A matrix product for each window takes only a fraction of the time of `np.einsum`.
@@ -362,16 +368,20 @@ class Predictor:
         return errors, kept_state
 
     def open_loop(self, parameters: np.ndarray, gains: Gains, steps: Sequence[int]) -> list[np.ndarray]:
-        """Return the measured states (12, 2, W) at the last measurement before each window, and at later times.
+        """Predict the state at the last measurement before each window and at later times, from the commands alone.
 
-        The filter uses the measurements before the window. From then on, the states follow from the commands alone.
-        The first of the two states is simulated without a disturbance. The second one is simulated with the estimated
-        disturbance, which decays with its correlation time.
+        The filter uses the measurements before the window. After the last of them, the vehicle is simulated twice:
+        without a disturbance, and with the estimated disturbance, which decays with its correlation time.
 
         Args:
             parameters: (p,) parameters.
             gains: gains of the filter.
-            steps: numbers of samples after that measurement, in increasing order, at most the length of the windows.
+            steps: numbers of samples from that measurement to the later times, in increasing order, at most the length
+                of the windows.
+
+        Returns:
+            (12, 2, W) states, without and with the disturbance, at the last measurement and after each number of
+            samples in `steps`. They are the states that motion capture would measure.
         """
         flight, state = self._begin(np.stack([parameters, parameters]))
         decay, states = gains.noise.decay(self.period)[:, None, None], []
@@ -390,7 +400,7 @@ class Predictor:
         return states
 
     def _measured(self, state: np.ndarray) -> np.ndarray:
-        """Return the measured states (12, K, W) for states (components, K, W) of the filter."""
+        """Return the states (12, K, W) that motion capture would measure, for states (components, K, W)."""
         body = state[:NUM_BODY]
         return self.model.measured_state(body.reshape(NUM_BODY, -1).copy()).reshape(body.shape)
 
@@ -401,9 +411,9 @@ class Predictor:
 
         The errors are linearised around the predictions of the filter.
 
-        Let r be the decay factor of the disturbance divided by the decay factor in the filter, K the gain for the first
-        noise, and F = r A (I - K C). If the first noise is replaced by another one, the covariance of the state changes
-        by
+        Let A be the transition matrix, C the output matrix, K the gain for the first noise, r the decay factor of the
+        disturbance divided by the decay factor in the filter, and F = r A (I - K C). If the first noise is replaced by
+        another one, the covariance of the state changes by
 
             ΔP⁺ = F ΔP Fᵀ + r A K ΔR (r A K)ᵀ + Δ(r rᵀ) A P Aᵀ + ΔQ,
 
@@ -411,15 +421,15 @@ class Predictor:
 
         Args:
             gains: gains of the filter.
-            noises: C sets of noise parameters. All sets differ so little from the first one that the first order is
-                accurate.
+            noises: C sets of noise parameters. Their differences from the first set must be small, so that the
+                first-order approximation is accurate.
             window_indices: indices of w windows.
 
         Returns:
-            (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
+            (T, C, w, m) errors and (T, C, w, m, m) covariances of the errors, for the T measurements after settling.
         """
         n, m, W = len(self.rows), len(self.outputs), len(window_indices)
-        # Decay factors of the state components with each noise, relative to those of the filter with `gains.noise`.
+        # These are the decay factors with each noise, relative to the decay factors of the filter with `gains.noise`.
         ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
         ratios[:, NUM_BODY:] = [noise.decay(self.period) / gains.noise.decay(self.period) for noise in noises]
         ratios = ratios[:, self.rows]
@@ -434,30 +444,30 @@ class Predictor:
         corrections = np.einsum("tnmw,tmw->twn", gains.gain[..., window_indices], filter_errors)[..., None]
         filter_errors = filter_errors.transpose(0, 2, 1)[..., None]
         disturbances = gains.disturbance[..., window_indices].transpose(0, 2, 1)[..., None]
-        count, first_counted = int(np.sum(self.counted)), len(self.counted) - int(np.sum(self.counted))
+        count, first_evaluated = int(np.sum(self.evaluated)), len(self.evaluated) - int(np.sum(self.evaluated))
         errors, covariances = np.empty((count, len(noises), W, m)), np.empty((count, len(noises), W, m, m))
         for j in range(len(self.measured)):
             output, transition = gains.output[j][window_indices], gains.transition[j][window_indices]
             update = _update(covariance, output, measurement_noise)
             first_errors = filter_errors[j] - output @ deviation
             corrected = deviation + update.gain @ first_errors - corrections[j]
-            # `deviation` is the difference from the state of the filter. If the correlation time changes, the
-            # disturbance decays by another factor, which changes this difference.
+            # `deviation` is the difference of the state from the state of the filter with `gains.noise`. With another
+            # correlation time, the disturbance decays by another factor, which changes this difference.
             propagated = transition @ corrected
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
             covariance = ratio_products * propagated_covariance + process_noise
-            counted = j - first_counted
-            if counted >= 0:
-                errors[counted, 0], covariances[counted, 0] = first_errors[..., 0], update.error_covariance
+            index = j - first_evaluated
+            if index >= 0:
+                errors[index, 0], covariances[index, 0] = first_errors[..., 0], update.error_covariance
             if others is not None:
                 disturbed = propagated + disturbances[j]
                 shifts, covariance_changes = others.step(
                     update, output, transition, first_errors, disturbed, propagated_covariance
                 )
-                if counted >= 0:
-                    errors[counted, 1:] = errors[counted, 0] - shifts
-                    covariances[counted, 1:] = covariances[counted, 0] + covariance_changes
+                if index >= 0:
+                    errors[index, 1:] = errors[index, 0] - shifts
+                    covariances[index, 1:] = covariances[index, 0] + covariance_changes
         return errors, covariances
 
 
@@ -485,9 +495,9 @@ class _OtherNoises:
         self._measured_changes = (
             self._variance_changes.T[:, :, None] * np.eye(measurement_variances.shape[1])[:, None, :]
         )
-        # Indices of the sets whose measurement noise differs from that of the first set, and of the sets whose
-        # correlation times differ.
-        self._with_other_measured = np.flatnonzero(self._variance_changes.any(axis=1))
+        # These are the indices of the sets whose measurement noise, or whose correlation times, differ from the first
+        # set.
+        self._with_other_measurement_noise = np.flatnonzero(self._variance_changes.any(axis=1))
         self._with_other_correlation_time = np.flatnonzero(self._ratio_changes.any(axis=1))
         self._covariances = np.ascontiguousarray((covariances[1:] - covariances[0]).transpose(1, 2, 0, 3))
         w, n, c, _ = self._covariances.shape
@@ -518,18 +528,20 @@ class _OtherNoises:
         cross = _left_product(output, self._covariances)
         shifts = self._deviations @ output.swapaxes(-1, -2)
         covariance_changes = _right_product(cross, output) + self._measured_changes
-        white = np.linalg.solve(update.error_covariance, errors).swapaxes(-1, -2)
-        changes_of_errors = shifts + _left_product(white, covariance_changes)[:, 0]
-        self._deviations += _left_product(white, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(-1, -2)
+        weighted_errors = np.linalg.solve(update.error_covariance, errors).swapaxes(-1, -2)
+        changes_of_errors = shifts + _left_product(weighted_errors, covariance_changes)[:, 0]
+        self._deviations += _left_product(weighted_errors, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(
+            -1, -2
+        )
         scaled = self._ratio[:, None] * transition
         self._deviations = self._deviations @ scaled.swapaxes(-1, -2)
         self._deviations += self._ratio_changes * disturbed.swapaxes(-1, -2)
         gain = scaled @ update.gain
         closed_loop = scaled - gain @ output
         changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop) + self._process_changes
-        measured, memory = self._with_other_measured, self._with_other_correlation_time
-        changes[:, :, measured] += _right_product(gain[:, :, None, :] * self._variance_changes[measured], gain)
-        changes[:, :, memory] += self._product_changes[:, memory] * propagated_covariance[:, :, None, :]
+        noise_sets, time_sets = self._with_other_measurement_noise, self._with_other_correlation_time
+        changes[:, :, noise_sets] += _right_product(gain[:, :, None, :] * self._variance_changes[noise_sets], gain)
+        changes[:, :, time_sets] += self._product_changes[:, time_sets] * propagated_covariance[:, :, None, :]
         self._covariances = changes
         return shifts.swapaxes(0, 1), covariance_changes.transpose(2, 0, 1, 3)
 

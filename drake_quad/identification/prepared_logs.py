@@ -79,8 +79,8 @@ class PreparedLogs(NamedTuple):
         """Voltage for which the thrust curve holds, V.
 
         The voltage is `motors.voltage` of the vehicle. If this is not set, it is the voltage of the full battery, or
-        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no throttles of
-        single motors, or if a log lacks the voltage.
+        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no motor throttles,
+        or if a log lacks the voltage.
         """
         if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
             return None
@@ -100,28 +100,28 @@ class PreparedLogs(NamedTuple):
         return {output.signal for output in self.outputs}
 
     @property
-    def poses(self) -> bool:
+    def has_poses(self) -> bool:
         """True if positions, attitudes or velocities are predicted."""
         return bool({"position", "attitude", "velocity"} & self.signals)
 
     def predictor(
-        self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
+        self, names: Sequence[str], flying: Sequence[np.ndarray], *, for_forecast: bool = False, delay: float = 0.0
     ) -> Predictor:
         """Return a predictor of the outputs, in windows in the usable parts of the records.
 
         Args:
             names: names of the parameters.
             flying: (n,) mask of the usable samples of each record.
-            horizon: True for the short windows of a forecast, False for the longer windows of a fit.
+            for_forecast: True for the short windows of a forecast, False for the longer windows of a fit.
             delay: delay if it is not a parameter, s.
 
         Raises:
             InputError: if the usable parts are too short.
         """
-        length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
+        length, settle = _POSE_WINDOW if self.has_poses else _IMU_WINDOW
         airborne_time = self.period * sum(int(usable.sum()) for usable in flying)
-        if horizon:
-            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, airborne_time / (2.0 * _MIN_WINDOWS))
+        if for_forecast:
+            length = min(_POSE_HORIZON if self.has_poses else _IMU_HORIZON, airborne_time / (2.0 * _MIN_WINDOWS))
             settle = min(settle, length)
         else:
             length = min(length, max(_MIN_WINDOW, airborne_time / (MIN_BLOCKS + 1)))
@@ -129,7 +129,7 @@ class PreparedLogs(NamedTuple):
         windows = split_into_windows(self.records, flying, sizes)
         if len(windows) < _MIN_WINDOWS:
             raise InputError(
-                f"{'the held-out part of the logs' if horizon else 'the flight in the logs'} contains only"
+                f"{'the held-out part of the logs' if for_forecast else 'the flight in the logs'} contains only"
                 f" {len(windows)} windows of {length + settle:.2g} s in the air; at least {_MIN_WINDOWS} are needed, so"
                 " use longer flights"
             )
@@ -147,7 +147,7 @@ class PreparedLogs(NamedTuple):
             delay: delay if it is not a parameter, s.
         """
         scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
-        frame: DisturbanceFrame = "world" if self.poses else "body"
+        frame: DisturbanceFrame = "world" if self.has_poses else "body"
         model = LogModel(scenario, names, frame=frame, delay=delay, voltage=self.voltage)
         split = max(1, int(np.ceil(self.period / _MAX_STEP - 0.05)))
         max_delay = max(MAX_DELAY, delay) + self.period
@@ -163,7 +163,7 @@ def block_numbers_of_windows(windows: int, duration: float, minimum: int) -> np.
     """Return the block number (windows,) of each window, for blocks of adjacent windows.
 
     A block lasts about four seconds, which is longer than the correlation time of model errors. Blocks are shorter if
-    there would otherwise be fewer than `minimum`.
+    there would otherwise be fewer than `minimum` blocks.
 
     Args:
         windows: number of windows.
@@ -244,7 +244,7 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
 
 
 def _outputs(records: Sequence[FlightRecord], attitude_is_estimated: bool) -> list[Output]:
-    """Return the outputs that are predicted. All records contain them.
+    """Return the outputs that are predicted, all of which every record contains.
 
     Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
     logged. An estimator usually derives these velocities and body rates from positions and attitudes, so they contain
@@ -278,9 +278,9 @@ def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
     window. The maximum-likelihood estimate reduces the disturbance in the first rounds of the fit.
     """
     measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
-    memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
+    correlation_times = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
     return PredictionNoise(
         np.array([measured[output.signal] for output in outputs]),
         np.array([1.0, 1.0, 1.0, 8.0, 8.0, 3.0]),
-        np.array(memory),
+        np.array(correlation_times),
     )

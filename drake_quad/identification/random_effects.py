@@ -1,10 +1,10 @@
 """Variation of parameters from one stretch of flight to the next, beyond the errors of their estimates.
 
-Model errors change during a flight: a battery discharges, sensors warm up, and each manoeuvre excites other effects.
-The parameters of each stretch b are therefore modelled as random, with variance d² around the parameters of the vehicle
-(random effects, as in a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986). The estimate
-θ_b of a stretch is one Gauss-Newton step from the estimate of all windows. If the error of θ_b has the variance v_b, d²
-is the solution of
+Model errors change during a flight: a battery discharges, sensors warm up, and different manoeuvres excite different
+effects. The parameters of each stretch b are therefore modelled as random, with variance d² around the parameters of
+the vehicle (random effects, as in a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986).
+The estimate θ_b of a stretch is one Gauss-Newton step from the estimate of all windows. If the error of θ_b has the
+variance v_b, d² is the solution of
 
     Σ_b (θ_b - μ)² / (v_b + d²) = B - 1,
 
@@ -14,8 +14,8 @@ power (J. P. T. Higgins et al., BMJ 327, 2003).
 
 The variances v_b follow from the inverse of the information of the stretch, to which a weak prior is added. They are
 increased if the windows within stretches differ by more than model and noise explain. This comparison is impossible if
-each stretch has fewer than two windows. In this case d² includes any further error, and only the sum v_b + d² is
-meaningful.
+each stretch has fewer than two windows. In this case d² also includes the unexplained errors, and only the sum v_b + d²
+is meaningful.
 """
 
 from collections.abc import Sequence
@@ -28,10 +28,10 @@ from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife,
 
 NUM_SEGMENTS = 10
 """Number of stretches into which the total flight time is divided. Each of them is held out once."""
-# Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
+# Smallest number of windows per stretch from which estimation errors can be distinguished from variation.
 _MIN_WINDOWS_PER_SEGMENT = 2
 _SIGNIFICANCE_LEVEL = 0.1  # a parameter varies if its p-value is below this
-_NUM_BISECTIONS = 40  # steps of the search for the variance between stretches
+_NUM_BISECTIONS = 40  # number of bisections in the search for the variance between stretches
 
 
 class Variation(NamedTuple):
@@ -109,15 +109,15 @@ class FlightSegments(NamedTuple):
         )
 
     def step(self) -> np.ndarray:
-        """Return the Gauss-Newton step (p,) from the estimate of all windows to the estimate from `self`.
+        """Return the Gauss-Newton step (p,) from the estimate of all windows to the estimate from these stretches.
 
-        It is zero for a parameter that no stretch determines.
+        The step is zero for a parameter that no stretch determines.
         """
         total = self.information.sum(axis=0)
         return -np.asarray(pseudo_inverse(total, total) @ self.scores.sum(axis=0))
 
     def uncertainty(self) -> Uncertainty:
-        """Return the jackknife uncertainty of the estimate from `self`."""
+        """Return the jackknife uncertainty of the estimate from these stretches."""
         return jackknife(self.information, self.scores + self.information @ self.step())
 
     def variance_between(self) -> np.ndarray:
@@ -128,8 +128,8 @@ class FlightSegments(NamedTuple):
         low, high = np.zeros(estimates.shape[1]), count * np.var(estimates, axis=0)
         for _ in range(_NUM_BISECTIONS):
             middle = 0.5 * (low + high)
-            too_small = _weighted_squares(estimates, variances, middle) > count - 1
-            low, high = np.where(too_small, middle, low), np.where(too_small, high, middle)
+            is_too_small = _weighted_squares(estimates, variances, middle) > count - 1
+            low, high = np.where(is_too_small, middle, low), np.where(is_too_small, high, middle)
         return np.where(significant, scale * high, 0.0)
 
     def _p_value(self, squares: np.ndarray) -> np.ndarray:
@@ -174,8 +174,8 @@ def estimate_variation(evidence: Evidence) -> Variation | None:
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
     """Return the uncertainty of the mean value of each parameter over stretches of flight.
 
-    If a parameter varies between stretches, its variance is the larger one of two jackknife estimates: over the short
-    blocks of `uncertainty`, and over whole stretches.
+    If a parameter varies between stretches, its variance is the larger of two jackknife estimates: one over the short
+    blocks of `uncertainty`, and one over whole stretches.
 
     Args:
         uncertainty: uncertainty by the jackknife over blocks that are shorter than a stretch.
@@ -186,12 +186,12 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
         return uncertainty
     long_blocks = FlightSegments.of(evidence).uncertainty()
     variances = np.diag(uncertainty.covariance)
-    # If a single block determines a parameter, its jackknife variance is zero.
+    # The ratio is 1 if the jackknife variance is zero, because a single block determines the parameter.
     increase = ratio(np.diag(long_blocks.covariance), variances, 1.0)
     varies = (np.diag(variation.covariance) > 0.0) & (increase > 1.0)
     factors = np.where(varies, np.sqrt(np.maximum(increase, 1.0)), 1.0)
     return Uncertainty(
         uncertainty.covariance * np.outer(factors, factors),
         np.where(varies, long_blocks.degrees_of_freedom, uncertainty.degrees_of_freedom),
-        uncertainty.model,
+        uncertainty.model_covariance,
     )

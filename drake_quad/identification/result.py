@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.results.estimates import Estimates, quantile
-from drake_quad.identification.results.held_out import HeldOut
+from drake_quad.identification.results.held_out import HeldOutErrors
 from drake_quad.scenario.models import Scenario
 
 
@@ -69,7 +69,8 @@ class FlightDifference(NamedTuple):
         thrust: difference of the thrust at the same command, relative to the mean of all flights; None if there is only
             one flight.
         forces: mean trim force along x and y of B, N, by name. If the heading changes enough, `forces` also contains
-            the mean force of a wind that is not logged, along x and y of W. Empty without positions and attitudes.
+            the mean force of a wind that is not logged, along x and y of W. It is empty if the logs lack positions or
+            attitudes.
     """
 
     name: str
@@ -101,6 +102,6 @@ class Identification:
     delay: EstimatedValue | None = None
     noise: PredictionNoise | None = None
     remarks: tuple[str, ...] = ()
-    held_out: Mapping[str, HeldOut] = field(default_factory=dict)
+    held_out: Mapping[str, HeldOutErrors] = field(default_factory=dict)
     training_vehicle: Scenario | None = None
     flights: tuple[FlightDifference, ...] = ()

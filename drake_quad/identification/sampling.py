@@ -157,8 +157,8 @@ def with_averaging_error(
     """Return the uncertainty, including the error of rotor time constants that averaged commands cause.
 
     A first-order lag with the time constant τ follows a ramp with a delay of τ. If the ramp is averaged over a period h
-    and held, the delay is τ + h² / (12 τ), as the response to a held input shows. The difference is an error of the
-    identified time constant. The error is smaller for commands that change faster, or that do not change.
+    and held, the mean delay is τ + h² / (12 τ). The difference is an error of the identified time constant. The error
+    is smaller for commands that change faster, or that do not change.
 
     Args:
         uncertainty: uncertainty of p parameters.

@@ -1,10 +1,10 @@
-"""Simulated flights of vehicles with known parameters, as a test of identification.
+"""Simulated flights of vehicles with known parameters, for tests of identification.
 
 A vehicle with random parameters flies past waypoints with changing yaw. The simulation includes the noise, delays and
-packet losses of a laboratory. As in a laboratory, the log contains the camera measurements and the commands.
-`SYNTHETIC_FLIGHTS` contains six conditions:
+packet losses of a laboratory. The log contains only the camera measurements and the commands. `SYNTHETIC_FLIGHTS`
+contains six conditions:
 
-- calm: the laboratory of the paper without wind, with rotor speed commands,
+- calm: the laboratory of `diagrams/laboratory.yaml` without wind, with rotor speed commands,
 - wind: the same laboratory in low wind that is not logged,
 - delay: the same laboratory in calm air, with camera frames that are 30 ms older,
 - autopilot: attitude and thrust commands to the autopilot of Neural-Fly's vehicle,
@@ -44,30 +44,30 @@ _FULL_THRUST = 14.27
 
 
 class SyntheticFlights(NamedTuple):
-    """Flights under one condition.
+    """Simulated flights under one condition.
 
     Attributes:
-        scenario: scenario in `diagrams/`.
-        seconds: time from one waypoint to the next, s.
+        scenario: FILE:NAME of the scenario in `diagrams/`.
+        leg_duration: time from one waypoint to the next, s.
         overrides: overrides of the scenario that set the condition and the distributions of the parameters.
-        nominal: overrides of the scenario that set the initial values of the identification.
+        initial_overrides: overrides of the scenario that set the initial values of the identification.
         samples_per_row: number of simulated samples from one row of the log to the next.
     """
 
     scenario: str
-    seconds: float
+    leg_duration: float
     overrides: tuple[str, ...]
-    nominal: tuple[str, ...] = ()
+    initial_overrides: tuple[str, ...] = ()
     samples_per_row: int = 1
 
     def simulated_scenario(self, diagrams: Path, further_overrides: Sequence[str] = ()) -> Scenario:
         """Return the scenario of the simulated flights."""
-        route = f"route={json.dumps(random_waypoint_route(self.seconds))}"
+        route = f"route={json.dumps(random_waypoint_route(self.leg_duration))}"
         return load_scenario(diagrams / self.scenario, [route, *self.overrides, *further_overrides])
 
     def initial_scenario(self, diagrams: Path) -> Scenario:
         """Return the initial scenario of the identification."""
-        return load_scenario(diagrams / self.scenario, self.nominal)
+        return load_scenario(diagrams / self.scenario, self.initial_overrides)
 
 
 class CheckedParameter(NamedTuple):
@@ -230,11 +230,11 @@ class CheckTask(NamedTuple):
 
 def check_batch(task: CheckTask) -> dict[int, list[CheckedParameter]]:
     """Simulate the flights of a task, and return the identified parameters of each flight, by its sample number."""
-    known = SYNTHETIC_FLIGHTS[task.flights]
-    flights = simulate_samples(known.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
-    nominal = known.initial_scenario(task.diagrams)
+    condition = SYNTHETIC_FLIGHTS[task.flights]
+    flights = simulate_samples(condition.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
+    nominal = condition.initial_scenario(task.diagrams)
     return {
-        sample: check_flight(flight, nominal, known.samples_per_row)
+        sample: check_flight(flight, nominal, condition.samples_per_row)
         for sample, flight in zip(task.samples, flights, strict=True)
     }
 

@@ -1,10 +1,11 @@
 """Division of flight records into windows of equal length in which the vehicle is airborne.
 
-The predictor starts some time before each window, and has forgotten its initial state when the window starts. Before
-this settling time, only the rotors are simulated, which follow their commands:
+The predictor starts some time before each window, so that the effect of its initial state has decayed when the window
+starts. During the warm-up before this settling time, only the rotors are simulated, which follow their commands:
 
-    |- rotors follow -|- the predictor settles -|- predictions count -|
-    start - settle - warm-up   start - settle   start                 start + length
+    |- rotors warm up -|- predictor settles -|- prediction errors are evaluated -|
+    start - settle     start - settle        start                               start + length
+    - warm_up
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ _COLLISION_FORCE = 2.0 * 9.81
 _EXCLUDED_TIME = 1.0
 # Largest pitch of usable samples, rad. At 75°, the noise of roll and yaw is four times the noise in level flight.
 _MAX_PITCH = np.radians(75.0)
-_MIN_COMMAND_RATIO = 0.5  # command relative to its median; below this, the rotors do not carry the vehicle
+_MIN_COMMAND_RATIO = 0.5  # mean command of an airborne vehicle, relative to the median of the positive commands
 _PERIOD_TOLERANCE = 0.1  # relative difference of periods that count as equal
 
 
@@ -32,7 +33,7 @@ class LogWindow(NamedTuple):
 
     Attributes:
         record: index of the record.
-        start: index of the first sample whose prediction counts.
+        start: index of the first sample whose prediction error is evaluated.
     """
 
     record: int
@@ -43,7 +44,7 @@ class WindowSizes(NamedTuple):
     """Sizes of windows, in samples.
 
     Attributes:
-        length: number of samples whose prediction counts.
+        length: number of samples whose prediction errors are evaluated.
         settle: number of preceding samples in which the predictor settles.
         warm_up: number of samples before the settling time, in which the rotors follow their commands.
     """
@@ -77,9 +78,9 @@ def segment_numbers(record: FlightRecord) -> np.ndarray:
 def airborne_mask(record: FlightRecord) -> np.ndarray:
     """Return a mask (n,) of the samples in which the vehicle is airborne and its attitude is usable.
 
-    The vehicle counts as airborne while the mean of its commands over one second is at least half of their median. The
-    first and last second of each flight are excluded. Samples within a second of a collision, or of a pitch beyond 75°,
-    are excluded as well. Beyond this pitch, roll and yaw are mostly noise.
+    The vehicle counts as airborne while the mean of its commands over one second is at least half of the median of the
+    positive commands. The first and last second of each flight are excluded. Samples within a second of a collision, or
+    of a pitch beyond 75°, are excluded as well. Beyond this pitch, roll and yaw are mostly noise.
     """
     command = commanded_effort(record)
     flying = np.ones(len(record.time), dtype=bool)

@@ -78,7 +78,7 @@ class CommandLink(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         signal: signal that the link transmits.
-        period: tick period, s; the paper's controllers run at 50 Hz.
+        period: tick period, s; 0.02 s in Kayacan and Maslim (2016).
         longest_delay: largest possible delay, in ticks.
         loses_packets: True if packets can be lost.
         parameters: parameters of the link.

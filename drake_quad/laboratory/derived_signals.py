@@ -68,7 +68,7 @@ def derived_signal(unit: str, *, value_range: ValueRange = "real") -> Callable[[
         name = function.__name__
         known = DERIVED_SIGNALS.get(name)
         if name in SIGNALS or (known is not None and known.formula.__module__ != function.__module__):
-            raise ValueError(f"the name {name} is taken by another signal")
+            raise ValueError(f"the name {name} is taken by another signal; rename the function")
         DERIVED_SIGNALS[name] = ScalarSignal(name, unit, function, argument_names(function), value_range)
         return function
 

@@ -105,14 +105,14 @@ class MonitorState(NamedTuple):
         crashed: 1 if the vehicle has crashed, else 0.
         crash_time: time of the crash, s; infinite if the vehicle has not crashed.
         obstacle_hit: solid that the vehicle crashed into.
-        free: ball in which the vehicle touches no solid.
+        free_ball: ball in which the vehicle touches no solid.
         sums: sums from which the metrics are computed.
     """
 
     crashed: Crashed
     crash_time: CrashTime
     obstacle_hit: CollidedSolid
-    free: FreeBall
+    free_ball: FreeBall
     sums: Sums
 
 
@@ -125,7 +125,7 @@ def monitor_step(
     shortfall: Wrench,
     before: CrashTime,
     obstacle_hit: CollidedSolid,
-    free: FreeBall,
+    free_ball: FreeBall,
     sums: Sums,
     time: Row,
     limits: CrashLimits,
@@ -147,7 +147,7 @@ def monitor_step(
         shortfall: part of the wrench that the rotors cannot produce.
         before: crash time before this tick, s.
         obstacle_hit: solid that the vehicle crashed into before this tick.
-        free: ball in which the vehicle touches no solid.
+        free_ball: ball in which the vehicle touches no solid.
         sums: sums before this tick.
         time: time of the tick, s.
         limits: limits beyond which a vehicle counts as crashed.
@@ -162,7 +162,7 @@ def monitor_step(
     total: Row = 0.0
     for part in (*command, *(wrench or ()), *(target or ())):
         total = total + part
-    touch, free = detect_contact(state, before.crash_time == math.inf, free, surroundings)
+    contact, free_ball = detect_contact(state, before.crash_time == math.inf, free_ball, surroundings)
     # Comparisons with NaN are false, so a vehicle whose state is NaN has crashed.
     flying = (
         (abs(state.roll) <= limits.tilt)
@@ -170,7 +170,7 @@ def monitor_step(
         & (error.x * error.x + error.y * error.y + error.z * error.z <= limits.position_error * limits.position_error)
         & (state.z >= limits.height)
         & (total - total == 0.0)
-        & (touch.number == 0.0)
+        & (contact.number == 0.0)
         & (before.crash_time == math.inf)
     )
     signals: dict[str, Any] = {"state": state, "reference": reference, "acceleration_command": command}
@@ -181,14 +181,14 @@ def monitor_step(
     return MonitorState(
         Crashed(where(flying, 0.0, 1.0)),
         CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
-        CollidedSolid(where(touch.number > 0.0, touch.number, obstacle_hit.number)),
-        free,
+        CollidedSolid(where(contact.number > 0.0, contact.number, obstacle_hit.number)),
+        free_ball,
         add_tick(sums, accumulators, values, flying, counts),
     )
 
 
 def detect_contact(
-    state: State, flies: bool, free: FreeBall, surroundings: Surroundings
+    state: State, flies: bool, free_ball: FreeBall, surroundings: Surroundings
 ) -> tuple[CollidedSolid, FreeBall]:
     """Return the solid that a flying vehicle touches, and a ball in which the vehicle touches no solid.
 
@@ -198,13 +198,13 @@ def detect_contact(
     Args:
         state: true state of the vehicle.
         flies: True if the vehicle has not crashed.
-        free: previous ball in which the vehicle touches no solid.
+        free_ball: previous ball in which the vehicle touches no solid.
         surroundings: solids that the vehicle must not touch.
     """
     if not surroundings.solids:
-        return CollidedSolid(), free
-    x, y, z = state.x - free.x, state.y - free.y, state.z - free.z
-    has_left = flies & (x * x + y * y + z * z >= free.radius * free.radius)
+        return CollidedSolid(), free_ball
+    x, y, z = state.x - free_ball.x, state.y - free_ball.y, state.z - free_ball.z
+    has_left = flies & (x * x + y * y + z * z >= free_ball.radius * free_ball.radius)
     position = state.x, state.y, state.z
 
     def nearest(x: Row, y: Row, z: Row) -> tuple[Row, Row]:
@@ -212,7 +212,7 @@ def detect_contact(
 
     distance, number = lazy_where(has_left, nearest, position, (math.inf, 0.0))
     around = FreeBall(*position, maximum(0.0, distance - (surroundings.radius + _DISTANCE_TOLERANCE)))
-    return CollidedSolid(where(distance < surroundings.radius, number, 0.0)), where(has_left, around, free)
+    return CollidedSolid(where(distance < surroundings.radius, number, 0.0)), where(has_left, around, free_ball)
 
 
 def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Row, Row]:
@@ -262,7 +262,7 @@ class FlightMonitor(FleetSystem):
     `attitude_target` is connected: the command that is sent over the link. Additional metrics may need further signals,
     for which the monitor then has input ports.
 
-    The states are `crashed`, `crash_time`, `obstacle_hit`, `free` and `sums`.
+    The states are `crashed`, `crash_time`, `obstacle_hit`, `free_ball` and `sums`.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -289,16 +289,16 @@ class FlightMonitor(FleetSystem):
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
-        read = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
-        others = {name: self.input(name) for name in read if not self.HasInputPort(name)}
+        signal_names = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
+        others = {name: self.input(name) for name in signal_names if not self.HasInputPort(name)}
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time = self.state("crash_time", lambda _: CrashTime(math.inf))
-        obstacle_hit, free = (
+        obstacle_hit, free_ball = (
             self.state("obstacle_hit", lambda _: CollidedSolid()),
-            self.state("free", lambda _: FreeBall()),
+            self.state("free_ball", lambda _: FreeBall()),
         )
         sums = self.state("sums", lambda _: Sums.before(accumulators))
-        states = crash_time, obstacle_hit, free, sums
+        states = crash_time, obstacle_hit, free_ball, sums
         settings = limits, surroundings, window, period, accumulators, tuple(others)
         arguments = state, reference, command, *sent, shortfall, *states, TIME, *settings, *others.values()
         self.update(period, monitor_step, *arguments, writes=[crashed, *states])

@@ -99,14 +99,20 @@ def build_laboratory(
     builder.AddNamedSystem("vehicle", vehicle)
     cameras = [] if motion_capture is None else [builder.AddNamedSystem("motion_capture", motion_capture)]
     wind_streams = random_streams(wind, StreamKind.WIND)
-    air = builder.AddNamedSystem("wind", build_wind(wind, streams=wind_streams, num_vehicles=vehicle.num_vehicles))
+    wind_diagram = builder.AddNamedSystem(
+        "wind", build_wind(wind, streams=wind_streams, num_vehicles=vehicle.num_vehicles)
+    )
 
-    carried = "wrench" if autopilot is None else "attitude_target"
+    link_signal = "wrench" if autopilot is None else "attitude_target"
     (command_name,) = (name for name in allocated if name != "shortfall")
-    state, wind_port = vehicle.GetOutputPort("state"), air.GetOutputPort("wind")
+    state, wind_port = vehicle.GetOutputPort("state"), wind_diagram.GetOutputPort("wind")
     sources = {port.get_name(): port for port in map(vehicle.get_output_port, range(vehicle.num_output_ports()))}
-    sources |= {"wind": wind_port, command_name: allocated[command_name], carried: command_link.GetOutputPort(carried)}
-    systems = [allocation, vehicle, *cameras, air]
+    sources |= {
+        "wind": wind_port,
+        command_name: allocated[command_name],
+        link_signal: command_link.GetOutputPort(link_signal),
+    }
+    systems = [allocation, vehicle, *cameras, wind_diagram]
     if motion_capture is not None:
         sources["motion_capture"] = motion_capture.GetOutputPort("measurement")
         if motion_capture.HasOutputPort("measurement_valid"):
@@ -116,9 +122,9 @@ def build_laboratory(
         sources["wrench"] = autopilot.GetOutputPort("wrench")
     sensor_streams = random_streams(sensors, StreamKind.NOISE)
     if sensors:
-        on_board = build_sensors(sensors, streams=sensor_streams, available=sources)
-        systems.append(builder.AddNamedSystem("sensors", on_board))
-        readings = map(on_board.get_output_port, range(on_board.num_output_ports()))
+        sensor_diagram = build_sensors(sensors, streams=sensor_streams, available=sources)
+        systems.append(builder.AddNamedSystem("sensors", sensor_diagram))
+        readings = map(sensor_diagram.get_output_port, range(sensor_diagram.num_output_ports()))
         sources |= {port.get_name(): port for port in readings}
     measurement = sources.get("motion_capture")
     if estimator is not None:
@@ -129,17 +135,19 @@ def build_laboratory(
     connect_inputs(builder, systems, sources)
 
     parts = {"motion_capture": motion_capture, "command_link": command_link, "autopilot": autopilot}
-    electronics = {name: system for name, system in parts.items() if system is not None}
+    systems_by_name = {name: system for name, system in parts.items() if system is not None}
     ports = {
-        stream: electronics[name].GetInputPort(stream.name.removeprefix(f"{name}."))
-        for name, streams in random_streams(electronics, StreamKind.NOISE).items()
+        stream: systems_by_name[name].GetInputPort(stream.name.removeprefix(f"{name}."))
+        for name, streams in random_streams(systems_by_name, StreamKind.NOISE).items()
         for stream in streams
     }
-    ports |= {stream: air.GetInputPort(stream.name) for streams in wind_streams.values() for stream in streams}
-    ports |= {stream: on_board.GetInputPort(stream.name) for streams in sensor_streams.values() for stream in streams}
-    _feed_noise(builder, ports, samples, vehicle.num_vehicles)
+    ports |= {stream: wind_diagram.GetInputPort(stream.name) for streams in wind_streams.values() for stream in streams}
+    ports |= {
+        stream: sensor_diagram.GetInputPort(stream.name) for streams in sensor_streams.values() for stream in streams
+    }
+    _connect_noise(builder, ports, samples, vehicle.num_vehicles)
 
-    builder.ExportInput(command_link.GetInputPort(carried), carried)
+    builder.ExportInput(command_link.GetInputPort(link_signal), link_signal)
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
     builder.ExportOutput(measurement, "measurement")
     builder.ExportOutput(state, "state")
@@ -157,12 +165,12 @@ def build_laboratory(
             if estimator.HasOutputPort(name):
                 builder.ExportOutput(estimator.GetOutputPort(name), name)
     if sensors:
-        for port in map(on_board.get_output_port, range(on_board.num_output_ports())):
+        for port in map(sensor_diagram.get_output_port, range(sensor_diagram.num_output_ports())):
             builder.ExportOutput(port, port.get_name())
     return build(builder, "laboratory")
 
 
-def _feed_noise(
+def _connect_noise(
     builder: DiagramBuilder,
     ports: Mapping[Stream, Any],
     samples: Samples | ExportedRandomNumbers | None,

@@ -7,7 +7,7 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     peak                   max |e_k|
     control effort         Σ u_k² / n, m²/s⁴
     total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
-    saturated fraction       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
+    saturated fraction     fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
 
 The sums include the ticks in the metric window of the scenario, up to a crash.
 
@@ -72,7 +72,7 @@ def argument_names(formula: Callable[..., Any], *, after_sums: bool = False) -> 
 
     Args:
         formula: formula.
-        after_sums: True to omit the first argument, the record of the sums.
+        after_sums: True to omit the first argument, which is the record of the sums.
     """
     first, *others = inspect.signature(formula).parameters.values()
     parameters = others if after_sums else [first, *others]
@@ -112,10 +112,10 @@ def add_tick(
         flies: True if the vehicle has not crashed.
         counts: True if the tick is in the metric window.
     """
-    known, counts = {**values, "ticks": sums.ticks}, flies & counts
+    values_by_name, counts = {**values, "ticks": sums.ticks}, flies & counts
     records = []
     for accumulator, record in zip(accumulators, sums.records, strict=True):
-        arguments = [known[name] for name in accumulator.arguments]
+        arguments = [values_by_name[name] for name in accumulator.arguments]
         after = accumulator.add(record, *arguments, **dict(accumulator.constants))
         records.append(where(flies if accumulator.whole_flight else counts, after, record))
     return Sums(where(counts, sums.ticks + 1.0, sums.ticks), tuple(records))
@@ -346,7 +346,7 @@ class Metrics(NamedTuple):
 
     @property
     def definitions(self) -> "Mapping[str, Metric]":
-        """Definition of each metric by name. The crash time, which is no metric, is not included."""
+        """Definition of each metric by name, without the crash time, which is not a metric."""
         return metric_definitions(type(self))
 
     def take(self, indices: Any) -> "Metrics":
@@ -361,7 +361,7 @@ class Metrics(NamedTuple):
 _ANNOTATIONS = get_type_hints(Metrics, include_extras=True)
 _DEFINITIONS = {name: definition for name, hint in _ANNOTATIONS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
-"""Definition of each metric that every flight has, by name. The crash time, which is no metric, is not included."""
+"""Definition of each metric that every flight has, by name. The crash time is not a metric and not included."""
 
 
 @functools.cache
@@ -429,13 +429,13 @@ def compute_metrics(
     Raises:
         InputError: if a metric is outside the range that its definition states.
     """
-    known = [
+    computable = [
         name
         for name, metric in metric_definitions(kind).items()
         if metric.accumulator is not None and (connected is None or all(map(connected, metric.signals)))
     ]
-    unknown = dict.fromkeys(metric_definitions(kind), np.full_like(crash_time, np.nan))
-    return kind(**{**unknown, **metric_values(known, sums, period, kind)}, crash_time=crash_time)
+    undefined = dict.fromkeys(metric_definitions(kind), np.full_like(crash_time, np.nan))
+    return kind(**{**undefined, **metric_values(computable, sums, period, kind)}, crash_time=crash_time)
 
 
 def metric_values(names: Iterable[str], sums: Sums, period: float, kind: type[Metrics]) -> dict[str, np.ndarray]:

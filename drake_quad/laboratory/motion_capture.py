@@ -1,5 +1,7 @@
 """Motion capture: measurements of the vehicles' states at the ground station.
 
+Equation numbers refer to Kayacan and Maslim (2016).
+
 The cameras take a frame at an initialization event and at every multiple of the period. Other discrete updates at the
 instant of a frame still use the previous frame. A simulator that continues a flight must suppress initialization
 events, which reset the filters. In the diagram, ○ is the previous frame and ● is the new one:
@@ -129,7 +131,9 @@ def measured_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned
         return Pose(x, y, z, roll, pitch, yaw)
     deviations = *[cameras.errors.position_noise] * 3, *[cameras.errors.attitude_noise] * 3
     true = x, y, z, roll, pitch, yaw
-    return Pose._make(seen + size * number for seen, size, number in zip(true, deviations, noise, strict=True))
+    return Pose._make(
+        value + deviation * number for value, deviation, number in zip(true, deviations, noise, strict=True)
+    )
 
 
 def first_frame(
@@ -201,14 +205,14 @@ def next_frame(
     else:
         # The filter uses its previous output without the drift, so the drift is subtracted before the filter step and
         # added afterwards.
-        true = _with_drift(last, drift, -1.0)
-        frame = _filtered_frame(where(is_lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
+        without_drift = _with_drift(last, drift, -1.0)
+        frame = _filtered_frame(where(is_lost, Pose.of(last), pose), without_drift, before, bandwidth, factors, period)
         frame = _with_drift(frame, after, 1.0)
     return *delay_line_step(frame, in_transit, cameras.errors.latency_frames), Pose.of(last), after
 
 
 def frame_validity(in_transit: tuple[Valid, ...], random: Dropout, cameras: Cameras) -> tuple[Valid, tuple[Valid, ...]]:
-    """Return the states of the delay line for the validity of the frames after a frame."""
+    """Return the states of the delay line that holds the validity of the frames, after a frame."""
     valid = where(random.frame < cameras.errors.dropout_rate, 0.0, 1.0)
     return delay_line_step(Valid(valid), in_transit, cameras.errors.latency_frames)
 
@@ -344,7 +348,7 @@ class MotionCapture(FleetSystem):
 
     Args:
         num_vehicles: number N of vehicles.
-        period: frame period h, s; the paper's cameras run at 100 Hz.
+        period: frame period h, s; 0.01 s in Kayacan and Maslim (2016).
         noisy: True for measurements with noise.
         loses_frames: True if frames can be lost.
         reports_losses: True for the output port `measurement_valid`; only used if frames can be lost.

@@ -9,8 +9,8 @@ and the largest if one is sufficient. The robustness of a requirement over the t
     φ until ψ          max over t of min(μ_ψ(t), min of μ_φ(t') over the times 0 ≤ t' < t)
 
 (A. Donzé and O. Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010). A requirement
-is satisfied if its robustness is at least 0. The magnitude of the robustness is the amount by which the signals must
-change to change whether the requirement is satisfied. Times are control ticks.
+is satisfied if its robustness is at least 0. If all signals change by less than the magnitude of the robustness, the
+verdict remains the same. Times are control ticks.
 """
 
 import math
@@ -66,7 +66,7 @@ class Combination(NamedTuple):
         return tuple(dict.fromkeys(name for each in self.conditions for name in each.arguments))
 
     def margin(self, values: dict[str, Any]) -> Row:
-        """Return the margin of the combined requirement, from the margins of its parts."""
+        """Return the margin of the combination, which follows from the margins of its conditions."""
         first, *others = [each.margin(values) for each in self.conditions]
         for other in others:
             first = minimum(first, other) if self.rule == "all" else maximum(first, other)

@@ -37,9 +37,9 @@ _HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 _EQUILIBRIUM_TOLERANCE = 1e-9
 _ROTOR_SPEED = "vehicle.rotor_speed."  # part of the names of the rotor states
 _MAX_NEWTON_STEPS = 20  # largest number of steps in the search for an equilibrium
-# Near an equilibrium, Newton's method converges in a few steps.
-_MAX_NEAR_STEPS = 3
-_FLIGHT_DURATION = 20.0  # s, flight to an equilibrium if Newton's method finds none that is stable
+# If Newton's method needs more steps, it did not start near the equilibrium.
+_MAX_STEPS_NEAR_EQUILIBRIUM = 3
+_FLIGHT_DURATION = 20.0  # s, duration of a flight that approaches a stable equilibrium
 _MIN_GROWTH = 1e-6  # a pole counts as unstable if its magnitude exceeds 1 by more than this rounding error
 
 
@@ -60,11 +60,11 @@ class ClosedLoop(NamedTuple):
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method solves x = Φ(x), starting in hover at the reference. A PD controller has a steady error in wind
-    and if the vehicle is asymmetric.
+    Newton's method finds the state that does not change over a period. It starts in hover at the reference. The
+    equilibrium is not at the reference if the controller has no integral and there is wind or an asymmetric vehicle.
 
     Args:
-        scenario: scenario whose `at_rest` is linearised.
+        scenario: scenario, which is linearised in hover without gusts and noise (see `at_rest`).
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
@@ -85,7 +85,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     period.
 
     Args:
-        scenario: scenario whose `at_rest` is linearised.
+        scenario: scenario, which is linearised in hover without gusts and noise (see `at_rest`).
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
@@ -109,7 +109,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
         num_ticks=round(common / tick),
         inputs=["injection"],
         outputs=["injected"],
-        without=PASSIVE_SYSTEMS,
+        excluded_systems=PASSIVE_SYSTEMS,
     )
     return loop._replace(system=ticks[0] if len(ticks) == 1 else lifted(ticks))
 
@@ -149,8 +149,8 @@ def _in_equilibrium(name: str, diagram: Diagram, context: Context, period: float
     settle(diagram, context, period)
     start = context.Clone()
     loop, num_steps, failure = _by_newtons_method(diagram, context, period, **ports)
-    if num_steps > _MAX_NEAR_STEPS and (loop is None or not _is_stable(loop)):
-        # Far from an equilibrium, Newton's method can find another one than a flight.
+    if num_steps > _MAX_STEPS_NEAR_EQUILIBRIUM and (loop is None or not _is_stable(loop)):
+        # Newton's method may have found another equilibrium than the one that the vehicle approaches in flight.
         at_tick(diagram, start.get_time() + period * math.ceil(_FLIGHT_DURATION / period), start)
         other, *_ = _by_newtons_method(diagram, start, period, **ports)
         if other is not None and _is_stable(other):
@@ -167,13 +167,13 @@ def _is_stable(loop: ClosedLoop) -> bool:
 def _by_newtons_method(
     diagram: Diagram, context: Context, period: float, **ports: Sequence[str]
 ) -> tuple[ClosedLoop | None, int, str]:
-    """Return the loop in the equilibrium that Newton's method finds, the number of steps, and the remaining change.
+    """Return the loop in the equilibrium that Newton's method finds, the number of steps, and the reason for a failure.
 
     The loop is None if the method does not converge.
     """
-    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS)
     for num_steps in range(_MAX_NEWTON_STEPS):
-        system, change = linearize(diagram, context, period=period, without=PASSIVE_SYSTEMS, **ports)
+        system, change = linearize(diagram, context, period=period, excluded_systems=PASSIVE_SYSTEMS, **ports)
         worst = int(np.argmax(np.abs(change)))
         if np.abs(change[worst]) < _EQUILIBRIUM_TOLERANCE:
             return ClosedLoop(diagram, context, system), num_steps, ""
@@ -188,9 +188,9 @@ class LaboratoryPlant(NamedTuple):
     """Linear model of a laboratory in hover.
 
     Attributes:
-        system: system from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a control
-            period. The states include thrust and torques of the rotors instead of their four speeds, so that the axes
-            are decoupled.
+        system: linear system over a control period, from the command to `measurement`. The command is `wrench`, or
+            `attitude_target` if there is an autopilot. The states include thrust and torques of the rotors instead of
+            their four speeds, so that the axes are decoupled.
         specific_thrust: ratio of the thrust commanded in hover to the nominal mass, m/s². By eq (7), the tilt for a
             horizontal acceleration is inversely proportional to this ratio, which is g for the nominal vehicle.
     """
@@ -263,7 +263,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
-    """Return the wrench from which the nominal model computes the given rotor speeds as commands."""
+    """Return the commanded wrench that results in the given rotor speeds if it is allocated by the nominal model."""
     nominal, commanded = nominal_parameters(resting), hover
     known_curve, known = resting.vehicle.effect_parameters().thrust_curve, resting.nominal.motors.thrust_curve()
     if known_curve is not None and known is not None:
@@ -279,7 +279,7 @@ def rotor_rows(states: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(states) if _ROTOR_SPEED in name]
 
 
-def wrench_of_rotors(resting: Scenario) -> np.ndarray:
+def rotor_speed_to_wrench_matrix(resting: Scenario) -> np.ndarray:
     """Return the matrix (4, 4) from changes of the rotor speeds to changes of scaled thrust and torques near hover.
 
     Raises:

@@ -21,14 +21,14 @@ class _Group(NamedTuple):
     names: tuple[str, ...]
 
 
-def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of each leaf system in a diagram, as a tuple of names, except for subsystems in `without`."""
+def leaf_paths(diagram: Diagram, *, excluded_systems: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the path of each leaf system in a diagram, as a tuple of names, except for `excluded_systems`."""
     for part in diagram.GetSystems():
         name = part.get_name()
-        if name in without:
+        if name in excluded_systems:
             continue
         if isinstance(part, Diagram):
-            yield from ((name, *rest) for rest in leaf_paths(part, without=without))
+            yield from ((name, *rest) for rest in leaf_paths(part, excluded_systems=excluded_systems))
         else:
             yield (name,)
 
@@ -38,19 +38,19 @@ class ContextVector:
 
     An element's name consists of the path of its system and the names of the state group (or parameter) and of the
     component, as in `laboratory.vehicle.state.pitch`. The layout is the same for all scalar types of the diagram. State
-    groups with `is_scheduled` are left out.
+    groups that are declared with `is_scheduled` are left out (see `StateGroup`).
 
     Args:
         diagram: diagram to which the contexts belong.
-        without: names of subsystems that are left out.
+        excluded_systems: names of subsystems that are left out.
         parameters: True if numeric parameters are included.
 
     Raises:
         InputError: if a system has an abstract state.
     """
 
-    def __init__(self, diagram: Diagram, *, without: Sequence[str] = (), parameters: bool = False) -> None:
-        self._groups = list(_groups(diagram, diagram.CreateDefaultContext(), without, parameters))
+    def __init__(self, diagram: Diagram, *, excluded_systems: Sequence[str] = (), parameters: bool = False) -> None:
+        self._groups = list(_groups(diagram, diagram.CreateDefaultContext(), excluded_systems, parameters))
         self.names = tuple(name for group in self._groups for name in group.names)
 
     def read(self, diagram: Diagram, root: Context) -> np.ndarray:
@@ -99,7 +99,7 @@ def without_dots(names: Sequence[str]) -> list[str]:
 
 
 def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters: bool) -> Iterator[_Group]:
-    for path in sorted(leaf_paths(diagram, without=without)):
+    for path in sorted(leaf_paths(diagram, excluded_systems=without)):
         system = subsystem(diagram, path)
         context = system.GetMyContextFromRoot(root)
         if context.num_abstract_states():
@@ -119,7 +119,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
 
 
 def scheduled_groups(system: Any) -> list[int]:
-    """Return the indices of the discrete state groups of a leaf system that linear models leave out."""
+    """Return the indices of the discrete state groups with `is_scheduled`, which linear models leave out."""
     states = system.states.values() if isinstance(system, FleetSystem) else ()
     return [int(group.index) for group in states if group.index is not None and group.is_scheduled]
 

@@ -39,12 +39,12 @@ class DisturbanceSamples(NamedTuple):
     Attributes:
         step: sampling period, s.
         acceleration: (3, times, N) along the axes of W, m/s².
-        turning: (2, times, N) disturbing angular accelerations of roll and pitch, rad/s².
+        angular_acceleration: (2, times, N) disturbing angular accelerations of roll and pitch, rad/s².
     """
 
     step: float
     acceleration: np.ndarray
-    turning: np.ndarray
+    angular_acceleration: np.ndarray
 
 
 class DisturbanceStatistics(NamedTuple):
@@ -109,10 +109,12 @@ def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceS
         step: sampling period, s.
     """
     mean = disturbance.mean(axis=-2, keepdims=True)
-    rest = disturbance - mean
-    variance = float((rest**2).mean())
-    lags = range(1, rest.shape[-2])
-    half = next((lag for lag in lags if (rest[..., lag:, :] * rest[..., :-lag, :]).mean() < 0.5 * variance), 1)
+    fluctuation = disturbance - mean
+    variance = float((fluctuation**2).mean())
+    lags = range(1, fluctuation.shape[-2])
+    half = next(
+        (lag for lag in lags if (fluctuation[..., lag:, :] * fluctuation[..., :-lag, :]).mean() < 0.5 * variance), 1
+    )
     return DisturbanceStatistics(
         float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF_CORRELATION_LAG
     )
@@ -135,7 +137,7 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context, samples = simulator.get_mutable_context(), []
-    other_components = np.zeros(9)  # of the state; wind depends only on the position
+    other_components = np.zeros(9)  # attitude, velocity and body rates, on which the wind does not depend
     for time, point in zip(times, position.T, strict=True):
         if depends_on_position:
             diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_components], N))

@@ -7,8 +7,8 @@ constant as exp(-t/τ). A linear fractional model
 
 has the structure that bounds of the structured singular value need. For each parameter, L, R and the diagonal block of
 N are a realisation of a polynomial of second degree (B. Ho and R. Kalman, 1966). The other blocks of N contain the
-products of parameters. The model omits higher powers and small singular values. This error is represented by an unknown
-matrix that is as large as the largest error at the exact loops, as if it were another uncertain block.
+products of parameters. The model omits higher powers and small singular values. The resulting error is treated as a
+further uncertain block. Its size is the largest error at the exact loops, multiplied by a safety factor.
 """
 
 from itertools import combinations, pairwise, product
@@ -26,7 +26,7 @@ _RIDGE = 1e-3  # regularisation of the fit of mixed terms, relative to the norm 
 # Smallest singular value of the errors that is modelled, relative to their largest singular value.
 _ERROR_TOLERANCE = 1e-2
 _MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
-_ERROR_FACTOR = 1.5  # factor on the errors at the fitted points, since errors between these points may be larger
+_ERROR_FACTOR = 1.5  # safety factor on the errors at the fitted points, since errors between them may be larger
 _MAX_CORNERS = 64  # largest number of corners of the parameter box [-1, 1]ᵏ to which a model is fitted
 STEPS = (-1.0, -0.5, 0.5, 1.0)
 """Values of each parameter ζ at which a model is fitted while all other parameters are zero."""
@@ -67,15 +67,15 @@ class FractionalModel(NamedTuple):
     def bound(self, *, tolerance: float = 0.01, stop: float = 0.0, limit: float = np.inf) -> PeakBound:
         """Return the upper bound of the structured singular value on the unit circle.
 
-        If it is β ≥ 1, the loop is stable for all parameters with |ζ_i| < 1/β.
+        A bound β ≥ 1 proves that the loop is stable for all parameters with |ζ_i| < 1/β.
 
         Args:
             tolerance: relative accuracy.
-            stop: the search ends at a bound of at most this value.
+            stop: the search ends as soon as the bound is at most this value.
             limit: largest bound of interest; if the bound is larger, the result is infinite.
 
         Raises:
-            ArithmeticError: no bound can be proved.
+            ArithmeticError: if no bound can be proved.
         """
         blocks = [Block(size, is_real=True) for size in self.sizes if size]
         num_errors = len(self.V)
@@ -171,7 +171,7 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
 
 
 def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return matrices U (n, e) and V (e, n) such that each error is U E V with singular values of E of at most 1.
+    """Return matrices U (n, e) and V (e, n) such that each error is U E V, where no singular value of E exceeds 1.
 
     Args:
         errors: (K, n, n) errors of the model at K points.

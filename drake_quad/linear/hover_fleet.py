@@ -1,8 +1,8 @@
 """Exact linear models of the loops of many vehicles that hover at the same time.
 
 `closed_loop` linearises the loop of one scenario with AutoDiffXd, which takes seconds. A search over parameters needs
-thousands of loops that differ only in some numbers. Here each of them is the loop of one vehicle of a fleet. The map of
-the state over a period is differentiated by central differences of fourth order, in all loops at once.
+thousands of loops that differ only in some numbers. This module simulates these loops as the vehicles of one fleet. It
+differentiates the map of the state over a period by central differences of fourth order, for all vehicles at once.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
-from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, common_period, rotor_rows, wrench_of_rotors
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, common_period, rotor_rows, rotor_speed_to_wrench_matrix
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import initialize_without_events, settle, tick_after
 from drake_quad.process_settings import single_threaded_blas
@@ -26,8 +26,8 @@ _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
 # Newton's method computes new derivatives if the state change over a period after a step exceeds this fraction of the
 # state change before the step.
 _MAX_CHANGE_RATIO = 0.1
-_STEP = 1e-3  # step of the finite differences in SI units, multiplied by the state if that is larger than 1
-_MAX_STEP = 1e4  # larger Newton steps, in SI units, result from a nearly singular matrix
+_DIFFERENCE_STEP = 1e-3  # finite-difference step in SI units; relative to the state if its magnitude exceeds 1
+_MAX_STEP = 1e4  # in SI units; a larger Newton step is rejected, since it results from a nearly singular matrix
 _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
 
 
@@ -56,7 +56,7 @@ class HoverFleet:
         self.states: tuple[str, ...] = ()
         self.period = common_period(resting)
         self._plan, self.user_systems = plan_route(resting), user_systems
-        self._pattern = wrench_of_rotors(resting)
+        self._pattern = rotor_speed_to_wrench_matrix(resting)
 
     def __call__(self, values: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
         """Return the system matrices (N, n, n) of the loops, NaN for loops without an equilibrium near hover.
@@ -113,7 +113,7 @@ def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np
             matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
             new = np.linalg.inv(matrix)
             # If a command is saturated, it does not depend on the state, and the matrix is nearly singular. Such a loop
-            # keeps its inverse from an earlier step.
+            # keeps the inverse of an earlier matrix.
             regular = np.abs(_times(new, change)).max(axis=0) < _MAX_STEP
             inverse[regular] = new[regular]
         x[:, active] += _times(inverse, change)[:, active]
@@ -130,7 +130,7 @@ class _PeriodMap:
 
     def __init__(self, diagram: Diagram, num_vehicles: int, period: float) -> None:
         self._diagram, self._context = diagram, diagram.CreateDefaultContext()
-        self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+        self._layout = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS)
         self._order = self._layout.vehicle_rows(num_vehicles)
         self.initial = self._read(diagram, self._context)
         settle(diagram, self._context, period)
@@ -163,7 +163,7 @@ class _PeriodMap:
         n, N = x.shape
         A = np.zeros((N, n, n))
         for j in range(n) if columns is None else columns:
-            step = _STEP * np.maximum(1.0, np.abs(x[j]))
+            step = _DIFFERENCE_STEP * np.maximum(1.0, np.abs(x[j]))
             slopes = []
             for factor in (1.0, 2.0)[: order // 2]:
                 after = []

@@ -32,7 +32,7 @@ _MIN_FEEDBACK = 1e-9  # a signal has no feedback if |S - 1| is smaller than this
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency of the grid
 _NUM_DISK_FREQUENCIES = 400  # number of grid frequencies in `joint_disk_margin`
-_NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neighbours of the largest value on the grid
+_NUM_NEAR_PEAK = 17  # number of frequencies that refine the two grid steps around a peak
 
 
 class FastLinkMargins(NamedTuple):
@@ -58,7 +58,7 @@ def link_margins(
     `attitude_target`. The value is None for a signal without feedback, such as a yaw that only an autopilot controls.
 
     Args:
-        scenario: scenario whose `at_rest` is linearised; that scenario has neither gusts nor noise.
+        scenario: scenario, which is linearised in hover without gusts and noise (see `at_rest`).
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole control; see `build_tracking_diagram`.
 

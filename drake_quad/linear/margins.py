@@ -105,7 +105,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
     fraction = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
     gain = -(size[..., :-1] + fraction * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
-    end_gain = 20.0 * np.log10(_gain_at_half_the_rate(responses))
+    end_gain = 20.0 * np.log10(_gain_at_nyquist_frequency(responses))
     return FastMargins(
         np.minimum(
             np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1), np.where(end_gain > 0.0, end_gain, np.inf)
@@ -132,7 +132,7 @@ def _response(loop: SampledSystem, grid: np.ndarray) -> np.ndarray:
 
 
 def _crossings(
-    loop: SampledSystem, grid: np.ndarray, response: np.ndarray, of: Callable[[np.ndarray], np.ndarray]
+    loop: SampledSystem, grid: np.ndarray, response: np.ndarray, function: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Return the frequencies (crossings,) at which a function of L crosses zero, with a relative error of 1e-9.
 
@@ -140,13 +140,13 @@ def _crossings(
         loop: loop with one input and one output.
         grid: (frequencies,) grid that separates the zeros of the function, rad/s.
         response: (frequencies,) frequency response L on the grid.
-        of: elementwise function of L. Steps of π or more count as jumps, not as crossings.
+        function: elementwise function of L. Steps of π or more count as jumps, not as crossings.
     """
-    values = of(response)
+    values = function(response)
     ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
     for _ in range(2):
         inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
-        values = of(_response(loop, inside.ravel())).reshape(inside.shape)
+        values = function(_response(loop, inside.ravel())).reshape(inside.shape)
         passes = _passes_zero(values)
         # The refinement may show that a sign change between the ends of an interval is a jump.
         real = passes.any(axis=1)
@@ -163,10 +163,10 @@ def _passes_zero(values: np.ndarray) -> np.ndarray:
     return np.diff(values > 0.0, axis=-1) & (np.abs(np.diff(values, axis=-1)) < np.pi)
 
 
-def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
+def _gain_at_nyquist_frequency(responses: np.ndarray) -> np.ndarray:
     """Return the gain at which a pole crosses the unit circle at z = -1, where L is real; infinite if none crosses.
 
-    z = -1 corresponds to the end of the frequency grid.
+    This point corresponds to the Nyquist frequency, the end of the frequency grid.
     """
     end = responses[..., -1].real
     return np.where(end < 0.0, -1.0 / np.where(end < 0.0, end, -1.0), np.inf)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-# Smallest participation of a state that is named, relative to the largest participation in the mode.
+# A mode lists the states whose participation exceeds this fraction of the largest participation in the mode.
 _MIN_PARTICIPATION = 0.1
 MAX_POLE_ERROR = 0.01
 """Largest error that rounding causes in repeated eigenvalues, 1/s."""

@@ -21,21 +21,23 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.process_settings import single_threaded_blas
 
 _NUM_FREQUENCIES = 400  # points of the first grid, which ends at half the frequency of the common period
-_NUM_NEAR = 33  # number of frequencies that are added between the neighbours of a critical frequency
-# Ranges in which limits are sought. A larger limit counts as infinite, and a smaller factor as 0.
-_LARGEST_FACTOR = 1e4
-_SHORTEST_DELAY, _LONGEST_DELAY = 1e-5, 10.0  # s
-_NUM_STEPS = 60  # number of steps in which a limit is bracketed
-_NUM_BISECTIONS = 24
-_BRACKET = 0.1  # largest relative error of a limit that is found on the first grid
-_NUM_REFINEMENTS = 2
+_NUM_NEAR = 33  # number of frequencies that refine the two grid steps around a critical frequency
+# Ranges in which limits are sought. A larger limit counts as infinite, and a smaller factor than 1 / _MAX_FACTOR as 0.
+_MAX_FACTOR = 1e4
+_MIN_DELAY = 1e-5  # s
+_MAX_DELAY = 10.0  # s
+_NUM_CHANGES = 60  # number of changes, from small to large, among which the first unstable one is sought
+_NUM_BISECTIONS = 24  # number of bisections between a stable and an unstable change
+_MAX_LIMIT_ERROR = 0.1  # largest relative error of a limit that is found on the first grid
+_NUM_REFINEMENTS = 2  # number of times that the grid is refined around the critical frequencies
+_HALF_POWER = math.sqrt(0.5)  # magnitude of -3 dB
 _MIN_FEEDBACK = 1e-9  # a signal has no feedback if |S - 1| is smaller than this value at all frequencies
 
 
 def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -> Margins | None:
     """Return the margins of a signal; None if the signal is not fed back.
 
-    Crossover and bandwidth are those of the part of the response that has the frequency of the offset.
+    Crossover and bandwidth refer to the part of the response that has the same frequency as the offset.
 
     Args:
         closed: stable lifted system from the offsets on the signal in N ticks to the signal in these ticks.
@@ -47,11 +49,11 @@ def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -
         loop = _LiftedSensitivity(closed, np.sort([*grid, *near_modes(closed, grid)]))
         if np.abs(loop.T).max() < _MIN_FEEDBACK:
             return None
-        factors = np.geomspace(1.0, _LARGEST_FACTOR, _NUM_STEPS)
-        delays = np.append(0.0, np.geomspace(_SHORTEST_DELAY, _LONGEST_DELAY, _NUM_STEPS))
+        factors = np.geomspace(1.0, _MAX_FACTOR, _NUM_CHANGES)
+        delays = np.append(0.0, np.geomspace(_MIN_DELAY, _MAX_DELAY, _NUM_CHANGES))
         increased = _Limit(_LiftedSensitivity.with_factor, loop, factors)
         reduced = _Limit(_LiftedSensitivity.with_factor, loop, 1.0 / factors)
-        turned = _Limit(_LiftedSensitivity.with_phase, loop, np.linspace(0.0, math.pi, _NUM_STEPS))
+        turned = _Limit(_LiftedSensitivity.with_phase, loop, np.linspace(0.0, math.pi, _NUM_CHANGES))
         delayed = _Limit(_LiftedSensitivity.with_delay, loop, delays)
         limits = [increased, reduced, turned, delayed]
         for _ in range(_NUM_REFINEMENTS):
@@ -60,8 +62,7 @@ def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -
             for limit in limits:
                 limit.refine(loop)
         frequency, sensitivity = loop.fundamental()
-        crossovers = _passes(frequency, np.abs(1.0 / sensitivity - 1.0), 1.0)
-        ends = _passes(frequency, np.abs(1.0 - sensitivity), math.sqrt(0.5))
+        crossovers = _falling_crossings(frequency, np.abs(1.0 / sensitivity - 1.0), 1.0)
         return Margins(
             gain=math.inf if increased.value is None else decibel(increased.value),
             gain_reduction=math.inf if reduced.value is None else -decibel(reduced.value),
@@ -70,7 +71,7 @@ def periodic_margins(closed: SampledSystem, *, points: int = _NUM_FREQUENCIES) -
             disk=1.0 / float(loop.sizes(0.5).max()),
             crossover=float(np.max(crossovers, initial=0.0)),
             sensitivity=float(loop.sizes(0.0).max()),
-            bandwidth=float(np.min(ends, initial=np.inf)),
+            bandwidth=_bandwidth(frequency, np.abs(1.0 - sensitivity)),
         )
 
 
@@ -92,7 +93,8 @@ class _LiftedSensitivity:
         self.S = closed.response(np.exp(1j * grid * closed.period))
         self.T = np.eye(N) - self.S
         self._eigenvalues = np.linalg.eigvals(self.T)
-        # The frequencies that are equal modulo 2π over the common period, and the signals that oscillate with them.
+        # A lifted signal at a grid frequency contains all frequencies that differ from it by multiples of 2π over the
+        # common period. Each column of `basis` is a signal that oscillates at one of these frequencies.
         tick = closed.period / N
         angles = grid[:, np.newaxis] * tick + 2.0 * math.pi / N * np.arange(N)
         angles -= 2.0 * math.pi * np.rint(angles / (2.0 * math.pi))
@@ -126,9 +128,9 @@ class _LiftedSensitivity:
         return np.linalg.det(np.eye(self.S.shape[1]) - change[:, :, np.newaxis] * self._T_by_frequency)
 
     def fundamental(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return all positive frequencies (N points,), rad/s, and the sensitivity at the frequency of the offset.
+        """Return frequencies (N points,) of the offset, rad/s, and the sensitivity at the same frequency.
 
-        The sensitivity is that at a positive or negative frequency, which are complex conjugates.
+        Some of the values are those at the negative frequency, whose complex conjugates are those at the positive one.
         """
         order = np.argsort(np.abs(self._frequencies), axis=None)
         frequency = self._frequencies.ravel()[order]
@@ -162,7 +164,7 @@ class _Limit:
     def refine(self, loop: _LiftedSensitivity) -> None:
         """Determine the limit again from the same loop on a finer grid."""
         if self.value is not None:
-            ends = (1.0 - _BRACKET) * self.value, (1.0 + _BRACKET) * self.value
+            ends = (1.0 - _MAX_LIMIT_ERROR) * self.value, (1.0 + _MAX_LIMIT_ERROR) * self.value
             self.value = self._between(loop, *(ends if self.value > self._nominal else ends[::-1]))
 
     def critical(self, loop: _LiftedSensitivity) -> int:
@@ -187,7 +189,18 @@ def _encircles_zero(curve: np.ndarray) -> bool:
     return abs(float(np.sum(np.angle(curve[1:] / curve[:-1])))) > 0.5 * math.pi
 
 
-def _passes(frequency: np.ndarray, size: np.ndarray, level: float) -> np.ndarray:
+def _bandwidth(frequency: np.ndarray, size: np.ndarray) -> float:
+    """Return the lowest frequency at which the magnitude of I - S falls below -3 dB, rad/s.
+
+    As in `drake_quad.linear.margins`, the result is 0 if the magnitude is below -3 dB already at the first frequency,
+    and infinite if it is above -3 dB at all frequencies.
+    """
+    if size[0] < _HALF_POWER:
+        return 0.0
+    return float(np.min(_falling_crossings(frequency, size, _HALF_POWER), initial=np.inf))
+
+
+def _falling_crossings(frequency: np.ndarray, size: np.ndarray, level: float) -> np.ndarray:
     """Return the frequencies at which a magnitude falls below a level, by logarithmic interpolation."""
     excess = np.log(np.maximum(size, 1e-300) / level)
     falls = np.flatnonzero((excess[:-1] > 0.0) & (excess[1:] <= 0.0))

@@ -40,7 +40,7 @@ _NUM_SETTLING_PERIODS = 4
 # A mode counts as neutral if the magnitude of its pole is larger than 1 minus this tolerance. Double poles at 1
 # have rounding errors of about 1e-8.
 _NEUTRAL_TOLERANCE = 1e-6
-_HIDDEN_TOLERANCE = 1e-6  # largest response of an output to an input by hidden modes; for both in the same unit
+_HIDDEN_TOLERANCE = 1e-6  # largest impulse response through hidden modes, for input and output in the same unit
 _SETTLING_TIME = 60.0  # s, in which the covariances of Kalman filters settle in hover
 
 
@@ -170,11 +170,11 @@ class SampledSystem:
         return replace(self, A=self.A[np.ix_(indices, indices)], B=self.B[indices], C=self.C[:, indices], states=states)
 
     def without_hidden_modes(self) -> "SampledSystem":
-        """Return the system without neutral and unstable modes that do not act from its inputs on its outputs.
+        """Return the system without its neutral and unstable modes, if no input affects an output through them.
 
-        An example is the drift of a position that no sensor measures. The result is the system itself if one of these
-        modes acts on the outputs. Otherwise its states are combinations of the states of this system, without names of
-        their own.
+        An example is the drift of a position that no sensor measures. The system is returned unchanged if an input
+        affects an output through one of these modes. Otherwise, the states of the result are linear combinations of the
+        original states, with the names `mode.0`, `mode.1`, ...
         """
         balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
         T, basis, k = scipy.linalg.schur(balanced, sort=lambda re, im: math.hypot(re, im) > 1.0 - _NEUTRAL_TOLERANCE)
@@ -225,7 +225,7 @@ def linearize(
     period: float,
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
-    without: Sequence[str] = (),
+    excluded_systems: Sequence[str] = (),
 ) -> tuple[SampledSystem, np.ndarray]:
     """Linearise a diagram's map over a period, and return the linear system and the state change over a period.
 
@@ -236,16 +236,16 @@ def linearize(
         period: multiple of the periods of all events, s.
         inputs: names of the input ports that make up u, all fixed in the context.
         outputs: names of the output ports that make up y.
-        without: names of subsystems whose state is left out, since they only observe the loop.
+        excluded_systems: names of subsystems whose state is left out, since they only observe the loop.
 
     Returns:
         The system, and Φ(x, u) - x (n,), which is zero at an equilibrium.
 
     Raises:
-        InputError: a system does not support AutoDiffXd, or has an abstract state.
+        InputError: if a system does not support AutoDiffXd, or has an abstract state.
     """
     (system,), change = linearize_ticks(
-        diagram, context, period=period, num_ticks=1, inputs=inputs, outputs=outputs, without=without
+        diagram, context, period=period, num_ticks=1, inputs=inputs, outputs=outputs, excluded_systems=excluded_systems
     )
     return system, change
 
@@ -258,17 +258,17 @@ def linearize_ticks(
     num_ticks: int,
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
-    without: Sequence[str] = (),
+    excluded_systems: Sequence[str] = (),
 ) -> tuple[list[SampledSystem], np.ndarray]:
     """Linearise a diagram's maps from each of several consecutive ticks to the next.
 
-    The arguments and errors are those of `linearize`, except that only the whole time must be a multiple of the periods
-    of all events, not the period between two ticks.
+    The arguments and errors are those of `linearize`, except that `period` is the time between two ticks. Only
+    `num_ticks * period` must be a multiple of the periods of all events.
 
     Returns:
         The linear system from each tick to the next, and the state change (n,) over all ticks.
     """
-    layout = ContextVector(diagram, without=without)
+    layout = ContextVector(diagram, excluded_systems=excluded_systems)
     converted = to_autodiff(diagram)
     state = layout.read(diagram, context)
     ports = [diagram.GetInputPort(name) for name in inputs]
@@ -351,7 +351,7 @@ def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Co
 
 
 def settle(diagram: Diagram, context: Context, period: float) -> None:
-    """Advance a context to a tick shortly after time zero, at which Kalman filters have their covariance in hover.
+    """Advance a context to a tick shortly after time zero, and set Kalman filters to their steady covariance in hover.
 
     Args:
         diagram: diagram.
@@ -370,7 +370,7 @@ def settle(diagram: Diagram, context: Context, period: float) -> None:
 
 
 def _after_constant_inputs(system: Any, context: Context, time: float) -> Context:
-    """Return a context of a leaf system after a time in which its inputs keep their values in a given context."""
+    """Return the context of a leaf system after a time (s) with constant inputs, given its initial context."""
     later = system.CreateDefaultContext()
     later.SetTimeStateAndParametersFrom(context)
     for port in map(system.get_input_port, range(system.num_input_ports())):

@@ -16,7 +16,7 @@ class StepResponse(NamedTuple):
     """Response of the vehicle to a step, with one column for each component of the vehicle's `state`.
 
     Attributes:
-        time: (ticks,) time since the release, s.
+        time: (ticks,) time since the step, s.
         linear: (ticks, 12) deviation from the equilibrium in the linear model.
         nonlinear: (ticks, 12) deviation from the equilibrium in the simulated diagram.
     """
@@ -29,7 +29,7 @@ class StepResponse(NamedTuple):
 def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
     """Return the response of a loop that starts at a displacement from its equilibrium.
 
-    The response equals that to a step of the reference, relative to the new reference.
+    Relative to the new reference, a step of the reference causes the same response.
 
     Args:
         loop: loop from `closed_loop`.
@@ -40,7 +40,7 @@ def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, dur
     Raises:
         InputError: if `state` has no such component, or the vehicle has a continuous state.
     """
-    layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(loop.diagram, excluded_systems=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
     state = np.zeros_like(equilibrium)
     vehicle_states = [i for i, name in enumerate(layout.names) if ".vehicle.state." in name]

@@ -11,9 +11,9 @@ For a real block of size r, D and G contain any Hermitian (r, r) matrices. For a
 zero. Any scalings prove a bound, and the best ones are found by the method of centers (S. Boyd and L. El Ghaoui,
 "Method of centers for minimizing generalized eigenvalues", 1993).
 
-The same scalings prove the bound at neighbouring frequencies. The frequencies at which they stop to do so are
-eigenvalues of a pencil, so that the whole unit circle can be covered without a grid (C. Lawrence, A. Tits and P. Van
-Dooren, "A fast algorithm for the computation of an upper bound on the μ-norm", 2000).
+The same scalings prove the bound at neighbouring frequencies. The ends of this interval of frequencies follow from the
+eigenvalues of a matrix pencil, so that the whole unit circle can be covered without a grid (C. Lawrence, A. Tits and
+P. Van Dooren, "A fast algorithm for the computation of an upper bound on the μ-norm", 2000).
 """
 
 import functools
@@ -31,9 +31,9 @@ _MAX_CENTERS = 60  # largest number of steps of the method of centers, which usu
 _MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
 _CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
 _CENTER_WEIGHT = 0.05  # weight of the previous β² in the next one, so that the center remains strictly feasible
-_MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
-# Largest distance from the unit circle of an eigenvalue that is treated as the end of an interval of frequencies. An
-# interval that is divided without need does no harm.
+_MIN_BOUND = 1e-6  # smallest bound that is computed, in place of zero
+# An eigenvalue that is closer to the unit circle than this is treated as the end of an interval of frequencies. An
+# unnecessary division of an interval does no harm.
 _CIRCLE_TOLERANCE = 1e-3
 # Largest number of pole frequencies at which scalings are computed first.
 _NUM_FIRST_FREQUENCIES = 24
@@ -83,8 +83,8 @@ def mu_bound(
         matrix: (r, r) matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy with which the bound is minimised.
-        stop: the minimisation ends at a bound of at most this value.
-        starts: bounds of similar matrices, the best of whose scalings is the first guess.
+        stop: the minimisation ends as soon as the bound is at most this value.
+        starts: bounds of similar matrices. The search starts from those scalings that prove the smallest bound.
 
     Raises:
         ValueError: if the sizes of the blocks do not match the matrix.
@@ -142,7 +142,7 @@ def _value(square: float) -> float:
 
 
 class _Terms(NamedTuple):
-    """Terms of a basis of Hermitian matrices: each element of the basis is a sum of c E + (c E)ᴴ.
+    """Terms of a basis of Hermitian matrices: each element of the basis is a sum of terms c E + (c E)ᴴ.
 
     A matrix E has a single entry 1 at (i, j). Derivatives of log det then need products of numbers instead of matrices.
 
@@ -330,8 +330,8 @@ def peak_mu_bound(
         D: (r, r) feedthrough matrix.
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy.
-        stop: the minimisation at a frequency ends at a bound of at most this value.
-        limit: largest bound of interest; the bound is infinite as soon as a larger one is found at a frequency.
+        stop: the minimisation at a frequency ends as soon as the bound is at most this value.
+        limit: largest bound of interest; if the bound is larger at any frequency, the result is infinite.
 
     Raises:
         ArithmeticError: if the bound cannot be proved between some frequencies, because a pole is on the unit circle.
@@ -379,7 +379,7 @@ def peak_mu_bound(
                 # With real blocks, the scalings at a frequency may prove `level` only in a very short interval around
                 # this frequency. A larger level is proved in a longer interval.
                 level *= 1.0 + 0.25 * tolerance
-    raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
+    raise ArithmeticError(f"no bound of the structured singular value was found at {gaps[0][0]:.4f} rad per sample")
 
 
 def _covered(

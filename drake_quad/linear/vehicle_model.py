@@ -28,17 +28,18 @@ from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorConfig
-from drake_quad.vehicle.slung_load import HANGING, rod_from_swing
+from drake_quad.vehicle.slung_load import HANGING_AT_REST, rod_from_swing
 
 if TYPE_CHECKING:
     import control
 
-_NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
+_NUM_ROTORS = len(RotorSpeed._fields)
+_NUM_WIND_COMPONENTS = len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
 # Additional states of a vehicle with a slung load.
-SWING_STATES = tuple(port_rows("swing", len(HANGING)))
-INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
+SWING_STATES = tuple(port_rows("swing", len(HANGING_AT_REST)))
+INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND_COMPONENTS))
 # Largest remaining acceleration at an operating point, m/s² or rad/s².
 _TRIM_TOLERANCE = 1e-9
 _MAX_TRIM_TILT = 1.4  # rad, largest roll and pitch of an operating point
@@ -85,7 +86,7 @@ def find_trim(
     Raises:
         InputError: if there is no trim within the limits of the rotors.
     """
-    effects = _of_motion(effects)
+    effects = _effects_at_given_speeds(effects)
     hover = np.array([float(speed) for speed in hover_rotor_speeds(hover_equivalent(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
@@ -96,7 +97,7 @@ def find_trim(
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = rotor_state(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
         derivatives = accelerations(
-            axes, motion, rod_from_swing(HANGING), position[2], rotors, Wind(*wind), parameters, effects
+            axes, motion, rod_from_swing(HANGING_AT_REST), position[2], rotors, Wind(*wind), parameters, effects
         )
         return np.array(derivatives.motion)
 
@@ -115,8 +116,9 @@ def find_trim(
     remaining = np.abs(unbalanced(solution)).max()
     if not remaining < _TRIM_TOLERANCE:
         raise InputError(
-            f"there is no steady flight at {_vector(velocity)} m/s in a wind of {_vector(wind)} m/s with rotors between"
-            f" {slowest:g} and {fastest:g} rad/s; the smallest remaining acceleration is {remaining:.3g} m/s² or rad/s²"
+            f"there is no steady flight at {_vector_text(velocity)} m/s in a wind of {_vector_text(wind)} m/s with"
+            f" rotors between {slowest:g} and {fastest:g} rad/s; the smallest remaining acceleration is"
+            f" {remaining:.3g} m/s² or rad/s²"
         )
     roll, pitch, *speeds = solution * scale
     state = np.array([*position, roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0], dtype=float)
@@ -134,7 +136,7 @@ def linear_vehicle(
     Raises:
         InputError: if the operating point is not an equilibrium; use `affine_vehicle` there.
     """
-    diagram, context = _at(trim, parameters, kinematics, effects)
+    diagram, context = _diagram_at(trim, parameters, kinematics, effects)
     rates = diagram.EvalTimeDerivatives(context).CopyToVector()
     worst = int(np.argmax(np.abs(rates)))
     if not np.abs(rates[worst]) < 1e-6:
@@ -152,7 +154,7 @@ def affine_vehicle(
 
     The model is computed by Drake's FirstOrderTaylorApproximation.
     """
-    diagram, context = _at(trim, parameters, kinematics, effects)
+    diagram, context = _diagram_at(trim, parameters, kinematics, effects)
     return FirstOrderTaylorApproximation(diagram, context)
 
 
@@ -165,12 +167,12 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
     return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
 
 
-def _of_motion(effects: Effects) -> Effects:
-    """Return the effects without throttle curve and battery, which do not matter at given rotor speeds."""
+def _effects_at_given_speeds(effects: Effects) -> Effects:
+    """Return the effects without throttle curve and battery, which have no influence if the rotor speeds are given."""
     return effects._replace(thrust_curve=None, battery=None)
 
 
-def _at(
+def _diagram_at(
     trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
 ) -> tuple[Diagram, Context]:
     """Return a diagram of the vehicle with a continuous state, and its context at an operating point.
@@ -178,23 +180,23 @@ def _at(
     The only input port of the diagram contains all inputs of the vehicle: rotor speeds, then wind.
     """
     builder = DiagramBuilder()
-    acting = _of_motion(effects)
+    acting = _effects_at_given_speeds(effects)
     config = QuadrotorConfig(parameters, effects=acting)
     vehicle = builder.AddNamedSystem(
         "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, parameters=config)
     )
-    inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND]))
+    inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND_COMPONENTS]))
     for i, name in enumerate(("rotor_speed_command", "wind")):
         builder.Connect(inputs.get_output_port(i), vehicle.GetInputPort(name))
     builder.ExportInput(inputs.get_input_port(), "inputs")
     builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    hanging = [] if acting.slung_load is None else HANGING
+    hanging = [] if acting.slung_load is None else HANGING_AT_REST
     context.SetContinuousState(np.concatenate([trim.state, trim.rotor_speed, hanging]))
     diagram.get_input_port().FixValue(context, np.concatenate([trim.rotor_speed, trim.wind]))
     return diagram, context
 
 
-def _vector(values: Sequence[float]) -> str:
+def _vector_text(values: Sequence[float]) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"

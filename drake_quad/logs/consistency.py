@@ -8,7 +8,7 @@ Signals that are physically related are compared over short windows:
 - a command with the signal that follows it.
 
 If two signals disagree, every possible single fault is tried: a wrong sign, unit or frame. The fault whose repair
-improves the agreement most is reported. Signals that agree after the repair are then compared under time shifts.
+improves the agreement most is reported. Signals that agree after the repair are then checked for a time shift.
 """
 
 import math
@@ -28,8 +28,8 @@ _MIN_WINDOWS = 50  # smallest number of windows in which two signals are compare
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s, window in which rotations are compared
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
-_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a usable velocity; an estimator that is off logs zeros
-_MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
+_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a usable velocity; a disabled estimator logs zeros
+_MIN_TILT_COSINE = 0.2  # lower limit of the cosine of the tilt, so that its tangent does not diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3  # largest number of faults that are reported
@@ -68,7 +68,7 @@ class _Pair(NamedTuple):
         measured: (windows, axes) values of the checked signal.
         threshold: smallest amplitude that is compared, in SI units. Axes with smaller amplitudes are skipped.
         axes: names of the axes.
-        centred: True if the medians are removed before the comparison.
+        centred: True if the medians of both signals are subtracted before the comparison.
         is_exact: False if the two signals may differ by a delay or by an unmodelled effect.
         suspicious: disagreement above which faults are searched for.
     """
@@ -162,15 +162,15 @@ class _Grid:
                 vars(result)[quantity] = vars(self)[quantity]
         return result
 
-    def samples(self, duration: float) -> int:
-        """Return the number of steps in a window."""
+    def num_steps(self, duration: float) -> int:
+        """Return the number of steps in a duration in s, at least one."""
         return max(1, round(duration / self.step))
 
     def starts(self, width: int) -> np.ndarray:
         """Return the first step (w,) of each window that has `width` steps and no gap."""
         if width not in self._starts:
-            damaged = np.concatenate([[0], np.cumsum(~self.usable)])
-            is_complete = damaged[width + 1 :] == damaged[: len(damaged) - width - 1]
+            num_unusable = np.concatenate([[0], np.cumsum(~self.usable)])
+            is_complete = num_unusable[width + 1 :] == num_unusable[: len(num_unusable) - width - 1]
             self._starts[width] = np.flatnonzero(is_complete)[:: self.stride]
         return self._starts[width]
 
@@ -189,19 +189,19 @@ class _Grid:
         return rotation_matrices(self.signals["attitude"])
 
     @cached_property
-    def turn(self) -> np.ndarray:
+    def turn_rate(self) -> np.ndarray:
         """Mean body rates (w, 3) that follow from the attitudes at both ends of each window."""
-        width = self.samples(_ROTATION_WINDOW)
+        width = self.num_steps(_ROTATION_WINDOW)
         starts = self.starts(width)
-        turn: np.ndarray = (self.rotation[starts].inv() * self.rotation[starts + width]).as_rotvec()
-        return turn / (width * self.step)
+        rotation_vectors: np.ndarray = (self.rotation[starts].inv() * self.rotation[starts + width]).as_rotvec()
+        return rotation_vectors / (width * self.step)
 
     @cached_property
-    def tangent(self) -> np.ndarray:
-        """Mean tangents (w, 2) of the tilt, along x and y of the world."""
+    def tilt_tangent(self) -> np.ndarray:
+        """Mean tangents (w, 2) of the tilt angles along x and y of the world."""
         axis = self.rotation.apply([0.0, 0.0, 1.0])
         tangents = axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE)
-        return self.mean(tangents, self.samples(_TRANSLATION_WINDOW))
+        return self.mean(tangents, self.num_steps(_TRANSLATION_WINDOW))
 
     @property
     def velocity(self) -> np.ndarray | None:
@@ -219,26 +219,26 @@ class _Grid:
     def expected_force(self) -> np.ndarray:
         """Mean specific force (w, 3) along the world axes that follows from the velocity."""
         assert self.velocity is not None
-        return self.rate(self.velocity, self.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
+        return self.rate(self.velocity, self.num_steps(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
 
     @cached_property
     def expected_force_in_body(self) -> np.ndarray:
         """`expected_force` (w, 3) along the body axes in the middle of each window."""
-        width = self.samples(_TRANSLATION_WINDOW)
+        width = self.num_steps(_TRANSLATION_WINDOW)
         in_body: np.ndarray = self.rotation[self.starts(width) + width // 2].inv().apply(self.expected_force)
         return in_body
 
     @cached_property
     def force_in_world(self) -> np.ndarray:
         """Mean specific force (w, 3) along the world axes."""
-        return self.mean(self.rotation.apply(self.signals["specific_force"]), self.samples(_TRANSLATION_WINDOW))
+        return self.mean(self.rotation.apply(self.signals["specific_force"]), self.num_steps(_TRANSLATION_WINDOW))
 
 
-# Signals on which each cached quantity of a grid depends.
+# Signals on which each cached quantity of `_Grid` depends.
 _SOURCES = {
     "rotation": ("attitude",),
-    "turn": ("attitude",),
-    "tangent": ("attitude",),
+    "turn_rate": ("attitude",),
+    "tilt_tangent": ("attitude",),
     "is_moving": _MOTION_SIGNALS,
     "expected_force": _MOTION_SIGNALS,
     "expected_force_in_body": ("attitude", *_MOTION_SIGNALS),
@@ -251,7 +251,7 @@ def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iter
 
     Args:
         signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of this library.
-        time: (n,) rising times, s.
+        time: (n,) increasing times, s.
     """
     grid = _on_grid(signals, time)
     if grid is None:
@@ -327,15 +327,15 @@ def _pairs(grid: _Grid, changed: Iterable[str] | None = None) -> dict["_Comparis
 
 
 def _derivative(position: str, velocity: str, grid: _Grid, *, is_exact: bool = True) -> _Pair:
-    width = grid.samples(_TRANSLATION_WINDOW)
+    width = grid.num_steps(_TRANSLATION_WINDOW)
     expected, measured = grid.rate(grid.signals[position], width), grid.mean(grid.signals[velocity], width)
     other = f"the derivative of {position}"
     return _Pair(velocity, other, expected, measured, 0.05, AXES[velocity], is_exact=is_exact)
 
 
 def _attitude_and_rates(grid: _Grid) -> _Pair:
-    measured = grid.mean(grid.signals["body_rates"], grid.samples(_ROTATION_WINDOW))
-    return _Pair("body_rates", "the derivative of attitude", grid.turn, measured, 0.05, AXES["body_rates"])
+    measured = grid.mean(grid.signals["body_rates"], grid.num_steps(_ROTATION_WINDOW))
+    return _Pair("body_rates", "the derivative of attitude", grid.turn_rate, measured, 0.05, AXES["body_rates"])
 
 
 def _horizontal_force(grid: _Grid) -> _Pair:
@@ -350,9 +350,9 @@ def _vertical_force(grid: _Grid) -> _Pair:
 
 def _force_in_body(grid: _Grid) -> _Pair:
     expected = grid.expected_force_in_body[:, :2]
-    measured = grid.mean(grid.signals["specific_force"], grid.samples(_TRANSLATION_WINDOW))[:, :2]
-    # The force along x and y is only the drag of the rotors, which is smaller than the error of the tilt. Expected and
-    # measured values therefore often differ in correct logs, but never have opposite signs.
+    measured = grid.mean(grid.signals["specific_force"], grid.num_steps(_TRANSLATION_WINDOW))[:, :2]
+    # The specific force along x and y of the body is only drag, which is smaller than the error caused by the tilt.
+    # Expected and measured values therefore often differ in correct logs, but never have opposite signs.
     other = "the acceleration and the tilt, in the body,"
     return _Pair(
         "specific_force", other, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE_DISAGREEMENT
@@ -367,14 +367,14 @@ def _size_of_force(grid: _Grid) -> _Pair:
 
 
 def _tilt(grid: _Grid) -> _Pair:
-    """Return the horizontal acceleration, and the one that a thrust along body z would cause, as a pair."""
-    expected, measured = grid.expected_force[:, :2], grid.tangent * np.maximum(grid.expected_force[:, 2:], 0.0)
+    """Return a pair of horizontal accelerations: from the velocity, and from the tilt, with a thrust along body z."""
+    expected, measured = grid.expected_force[:, :2], grid.tilt_tangent * np.maximum(grid.expected_force[:, 2:], 0.0)
     return _Pair("attitude", "the horizontal acceleration", expected, measured, 0.2, ("x", "y"), is_exact=False)
 
 
 def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> _Pair:
     """Return the pair of a command and the signal that follows it, shifted by the delay with the best correlation."""
-    width = grid.samples(_ROTATION_WINDOW)
+    width = grid.num_steps(_ROTATION_WINDOW)
     # The delay is estimated from all windows, including those with a gap. The values are transposed, since NumPy sums
     # rows faster than columns.
     commanded, followed = (
@@ -395,7 +395,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Comparisons, each with groups of signals. A comparison is possible if at least one signal of each group is logged.
+# Each comparison has groups of signals. It is possible if at least one signal of each group is logged.
 _Comparison = Callable[[_Grid], _Pair]
 _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
@@ -419,7 +419,7 @@ _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     """Return the fault whose repair makes the signals agree best, with the pair and the axis that it improves most."""
     # Consecutive windows overlap almost completely, so the search uses one window per `_SEARCH_STRIDE`.
-    grid = grid.with_stride(grid.samples(_SEARCH_STRIDE))
+    grid = grid.with_stride(grid.num_steps(_SEARCH_STRIDE))
     pairs = _pairs(grid)
     excited = {compare: pair.excited() for compare, pair in pairs.items()}
     before = {compare: pair.disagreement() for compare, pair in pairs.items()}
@@ -466,13 +466,13 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
     Args:
         signals: (n, columns) values of signals, including attitude and body_rates, in SI units and the frames of this
             library.
-        time: (n,) rising times, s.
+        time: (n,) increasing times, s.
     """
     grid = _on_grid(signals, time)
     if grid is None:
         return np.zeros(0)
     expected, measured = _attitude_and_rates(grid).clipped()
-    max_shift, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART_DURATION)
+    max_shift, count = grid.num_steps(_MAX_CLOCK_SHIFT), grid.num_steps(_CLOCK_PART_DURATION)
     lags = []
     for first in range(max_shift, len(expected) - count - max_shift, count):
         errors = _shift_errors(measured, expected, first, first + count, max_shift)
@@ -497,7 +497,7 @@ def _shift_errors(values: np.ndarray, others: np.ndarray, first: int, end: int, 
 
 
 def _refined_minimum(errors: np.ndarray) -> float | None:
-    """Return the fractional index of the minimum of a parabola through the smallest errors; None if it is at an end."""
+    """Return the fractional index of the smallest error, refined by a parabola; None if it is the first or last one."""
     index = int(np.argmin(errors))
     if not 0 < index < len(errors) - 1:
         return None
@@ -506,7 +506,7 @@ def _refined_minimum(errors: np.ndarray) -> float | None:
 
 
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
-    """Yield a remark if one side of a pair lags the other by the same time in all parts of the log."""
+    """Yield a remark if one side of a pair lags the other, as the parts of the log consistently show."""
     max_shift = round(_MAX_SHIFT / step)
     expected, measured = (side[:, excited] for side in pair.clipped())
     if max_shift < 1 or not excited.any() or len(expected) < 2 * max_shift + _NUM_PARTS * _MIN_WINDOWS // 2:

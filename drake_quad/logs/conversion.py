@@ -13,7 +13,7 @@ from drake_quad.logs.consistency import inconsistencies
 from drake_quad.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.logs.plausibility import implausible_signals, position_jumps
 from drake_quad.logs.record import COLUMNS, QUANTITIES, FlightRecord, SignalOrigin
-from drake_quad.logs.timing import rising_samples, timing_remarks
+from drake_quad.logs.timing import increasing_samples, timing_remarks
 from drake_quad.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
@@ -21,9 +21,9 @@ from drake_quad.scenario.files.marked_tree import Mark
 # which are interpolated linearly.
 _HELD_SIGNALS = ("motor_command", "thrust_fraction", "battery_voltage")
 _ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
-# Signals that change slowly. They keep their first value before their first sample, and their last value afterwards.
+# Signals that change slowly. Their first value is used before their first sample, and their last value after the last.
 _SLOW_SIGNALS = ("battery_voltage", "wind", "hover_thrust_fraction")
-# Half a turn about x converts NED to NWU, and FRD to FLU.
+# A rotation by 180° about x converts NED to NWU, and FRD to FLU.
 _DOWNWARD_FRAMES = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
@@ -95,7 +95,7 @@ class _Clocks:
         """Return the increasing sample times of a signal, s, and the table rows of the samples."""
         time = table.time if table.sample_time is None or is_held(signal) else table.sample_time
         if id(time) not in self._known:
-            is_kept, remarks = rising_samples(time)
+            is_kept, remarks = increasing_samples(time)
             table_remarks = [f"{table.name}: {each}" if table.name else each for each in remarks]
             self.remarks += [each for each in table_remarks if each not in self.remarks]
             self._known[id(time)] = time[is_kept], np.flatnonzero(is_kept)
@@ -223,7 +223,7 @@ def _without_damaged_rows(table: Table, mapping: Mapping, notes: list[str]) -> T
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
-    """Yield the channels of a signal, one for each of its sources, in the order of preference."""
+    """Yield the channels of a signal, one for each of its sources, in order of preference."""
     for source in mapping.signals[signal]:
         for table in tables:
             if not all(each in table.columns for each in source.names) or len(table.time) < 2:

@@ -33,9 +33,9 @@ class Fault(NamedTuple):
 
     Attributes:
         signals: names of the faulty signals.
-        text: description of the fault: a clause that follows a colon.
+        text: clause that describes the fault, for the end of a remark.
         repaired: function that returns the faulty signals without the fault.
-        num_axes: number of axes that the fault changes.
+        num_axes: number of axes for which the search for faults penalises this fault.
         is_frame: True if the fault exchanges world and body axes, which hardly differ at small tilts.
     """
 
@@ -74,7 +74,7 @@ _WRONG_UNITS = {
     "specific_force": _FORCE_UNITS,
 }
 _HALF_TURN = (1.0, -1.0, -1.0)
-# Signs by which x, y and z may be multiplied in a log by mistake.
+# Wrong signs of x, y and z that a log may have.
 _WRONG_SIGNS = [
     (-1.0, 1.0, 1.0),
     (1.0, -1.0, 1.0),
@@ -93,7 +93,7 @@ _SWAPS = {
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
-# Wrong frame, body or world, in which a signal may be logged by mistake.
+# Wrong frame, body or world, along whose axes a signal may be logged.
 _WRONG_FRAMES = {
     "body_rates": "world",
     "specific_force": "world",
@@ -130,7 +130,7 @@ def _common_faults(signals: _Signals) -> Iterator[Fault]:
         return
     known = tuple(name for name in AXES if name in signals)
     text = "all signals look as if NED and FRD were taken for NWU and FLU"
-    yield Fault(known, text, lambda grid: {name: grid[name] * np.array(_HALF_TURN) for name in known}, 2)
+    yield Fault(known, text, lambda logged: {name: logged[name] * np.array(_HALF_TURN) for name in known}, 2)
     for signal, frame in _WRONG_FRAMES.items():
         if signal in signals:
             text = f"{signal} looks as if it were along {frame} axes"

@@ -5,18 +5,18 @@ A mapping is a YAML file with these fields:
     description: logs of our laboratory
     delimiter: ","
     time: {column: t, unit: s}
-    required: [position]                      # signals that a log must have; by default all of them
+    required: [position]                      # signals that a log must contain; by default all signals below
     signals:
       position: {columns: [x, y, z], unit: mm, frame: NED}
       velocity: {column: v}                   # cells such as "[0.1, 0.2, 0.3]"
-      body_rates: {columns: [wx, wy, wz], frame: ENU}   # along the axes of the world; the attitude turns them
+      body_rates: {columns: [wx, wy, wz], frame: ENU}   # along world axes; turned to body axes by the attitude
       attitude: {column: q, quaternion: xyzw}
       motor_command:                          # the first source in the log is read
         - {columns: [m1, m2, m3, m4], unit: uint16}
         - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
       wind: {columns: [w_x, w_y, 0.0]}        # a number is a constant column
     vehicle: vehicles/neural_fly:neural_fly   # shipped vehicle with which an identification can begin
-    wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # wind by the end of the log's name, if none is logged
+    wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # wind by the suffix of the log's name, if none is logged
 """
 
 import functools
@@ -120,7 +120,7 @@ class Mapping(Model):
         default=None, description="FILE or FILE:NAME in diagrams/ of the vehicle with which an identification can begin"
     )
     wind_by_name: dict[str, Annotated[tuple[Real, Real, Real], Field(strict=False)]] = Field(
-        default={}, description="wind in W, m/s, for logs that contain no wind, by the end of the log's name"
+        default={}, description="wind in W, m/s, for logs that contain no wind, by the suffix of the log's name"
     )
 
     @model_validator(mode="before")
@@ -158,8 +158,8 @@ class Mapping(Model):
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
         """Return the wind, m/s, listed for the longest matching suffix of a log's name; None if no suffix matches."""
-        ends = [end for end in self.wind_by_name if name.endswith(end)]
-        return self.wind_by_name[max(ends, key=len)] if ends else None
+        suffixes = [suffix for suffix in self.wind_by_name if name.endswith(suffix)]
+        return self.wind_by_name[max(suffixes, key=len)] if suffixes else None
 
     @property
     def rotors(self) -> tuple[int, ...] | None:
@@ -242,7 +242,7 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _check(name: str, source: dict[str, Any], path: _Path) -> None:
-    """Raise an error if the source of a signal does not fit the signal. The types of its fields are checked later."""
+    """Raise an error if a source is not valid for its signal. The types of the fields are checked later."""
     source = {field: value for field, value in source.items() if value is not None}
     if ("columns" in source) == ("column" in source):
         raise _error(path, "must have either `columns` or `column`")

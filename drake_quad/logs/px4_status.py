@@ -71,7 +71,7 @@ _RESETS = (
     _Reset("vehicle_local_position", "z_reset_counter", "height", ("delta_z",), 1.0, "m"),
     _Reset("vehicle_local_position", "vxy_reset_counter", "velocity", ("delta_vxy[0]", "delta_vxy[1]"), 1.0, "m/s"),
     _Reset("vehicle_local_position", "vz_reset_counter", "climb", ("delta_vz",), 1.0, "m/s"),
-    # The vector part of a quaternion is half of the rotation angle if the rotation is small.
+    # For a small rotation, the norm of the vector part of a quaternion is half of the rotation angle.
     _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _QUATERNION_VECTOR_PART, 2.0, "rad"),
 )
 _MIN_RESET = 0.01  # m, m/s or rad, smallest reported reset; estimators make smaller resets when they start
@@ -108,12 +108,12 @@ def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
         types += [(f"vehicle_status.{field}", value, names) for value in values]
     for where, value, names in types:
         if value in names:
-            return f"{names[value]}, by {where}, {value}"
+            return f"{names[value]} ({where} is {value})"
     if status is not None and np.any(status.get("is_vtol", 0)):
-        return "a VTOL, by vehicle_status.is_vtol"
+        return "a VTOL (vehicle_status.is_vtol is 1)"
     rotors = parameters.get("CA_ROTOR_COUNT", 0)
     if rotors not in (0, _NUM_MOTORS):
-        return f"a vehicle with {rotors} rotors, by the parameter CA_ROTOR_COUNT"
+        return f"a vehicle with {rotors} rotors (the parameter CA_ROTOR_COUNT is {rotors})"
     return ""
 
 
@@ -229,14 +229,14 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
     is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
     range_text = join_names(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
     source = (
-        "by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        "according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
         if is_given
         else "assumed, since the log contains no such parameter"
     )
     remarks.append(f"the pulse range of the motors, from off to full throttle, is {range_text} µs, {source}")
     if channels != [*range(1, _NUM_MOTORS + 1)]:
         remarks.append(
-            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by the parameters"
+            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, according to the parameters"
             " PWM_MAIN_FUNC1 and so on"
         )
     return result, remarks

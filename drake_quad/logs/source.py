@@ -75,7 +75,7 @@ class LogFile(NamedTuple):
         return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
 
     def records(self, layout: np.dtype, offsets: Sequence[int] | np.ndarray) -> np.ndarray:
-        """Return the packed records (n,) at some offsets, as a structured array."""
+        """Return the packed records (n,) at the given offsets, as a structured array."""
         windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(self.data, np.uint8), layout.itemsize)
         return np.ascontiguousarray(windows[offsets]).view(layout)[:, 0]
 

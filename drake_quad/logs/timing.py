@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 _GAP_RATIO = 3.0  # shortest gap, in median steps of the clock; a single lost sample does not count as a gap
-_MAX_TIME = 1e12  # s, thirty thousand years; larger times are damaged
+_MAX_TIME = 1e12  # s, thirty thousand years; larger times are damaged data
 _MIN_JITTER = 0.05  # smallest reported standard deviation of the steps, relative to their median
 
 
-def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def increasing_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Return a mask (n,) of samples with increasing times, and remarks on the samples that are left out.
 
     A sample is left out if its time is not a number, repeats the time of the preceding sample, or is out of order. A
@@ -43,9 +43,9 @@ def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
             f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, by up"
             f" to {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
         )
-    is_rising = np.zeros(len(time), dtype=bool)
-    is_rising[indices[~is_wrong]] = True
-    return is_rising, remarks
+    is_increasing = np.zeros(len(time), dtype=bool)
+    is_increasing[indices[~is_wrong]] = True
+    return is_increasing, remarks
 
 
 def gaps(time: np.ndarray) -> np.ndarray:

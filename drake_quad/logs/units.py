@@ -9,7 +9,7 @@ class Unit(NamedTuple):
 
     Attributes:
         scale: size of the unit in SI units.
-        zero: logged value that stands for zero.
+        zero: logged value that corresponds to zero.
     """
 
     scale: float

@@ -38,6 +38,7 @@ class FilterState(NamedTuple):
 
 
 EMPTY_FILTER = FilterState(0.0, 0.0)
+"""State of a filter before its first sample."""
 
 
 def butterworth(bandwidth: AngleRate, period: Time) -> LowPass:
@@ -55,7 +56,7 @@ def butterworth(bandwidth: AngleRate, period: Time) -> LowPass:
 
 
 def first_order(bandwidth: AngleRate, period: Time) -> LowPass:
-    """Return the filter y⁺ = y + α (u - y) with α = ω h / (1 + ω h); arguments are those of `butterworth`."""
+    """Return the filter y⁺ = y + α (u⁺ - y) with α = ω h / (1 + ω h); the arguments are those of `butterworth`."""
     angle: Any = np.asarray(bandwidth) * period
     fraction = angle / (1.0 + angle)
     zero = 0.0 * fraction
@@ -63,12 +64,12 @@ def first_order(bandwidth: AngleRate, period: Time) -> LowPass:
 
 
 def low_pass(bandwidth: AngleRate, period: Time, order: Order) -> LowPass:
-    """Return the low-pass filter of a given order; other arguments are those of `butterworth`."""
+    """Return the low-pass filter of a given order; the other arguments are those of `butterworth`."""
     return first_order(bandwidth, period) if order == 1 else butterworth(bandwidth, period)
 
 
 def filter_step(sample: Row, low_pass: LowPass, state: FilterState) -> tuple[Row, FilterState]:
     """Return the output of a filter for one sample, and its next state."""
-    inner = sample - low_pass.a_1 * state.last - low_pass.a_2 * state.second_last
-    output = low_pass.b_0 * inner + low_pass.b_1 * state.last + low_pass.b_2 * state.second_last
-    return output, FilterState(inner, state.last)
+    current = sample - low_pass.a_1 * state.last - low_pass.a_2 * state.second_last
+    output = low_pass.b_0 * current + low_pass.b_1 * state.last + low_pass.b_2 * state.second_last
+    return output, FilterState(current, state.last)

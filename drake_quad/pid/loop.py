@@ -1,11 +1,11 @@
 """One axis of a PID loop.
 
-    u = k_p e + i - k_d ẏ_f + k_ff r,  limited,      e = r - y
+    u = sat(k_p e + i - k_d ẏ_f + k_ff r),      e = r - y
 
-The derivative is that of the measurement, so that a step of the setpoint causes no derivative kick. An optional filter
-smooths it. The integral i has the unit of the output. It grows by h k_i e per tick, within a limit. Its growth can be
-reduced for large errors, as in PX4, by the factor 1 - (e / e₀)². A term that a loop does not have is None and takes no
-computing time.
+Here r is the setpoint, y is the measurement, and `sat` saturates the output. The derivative acts on the measurement, so
+that a step of the setpoint causes no derivative kick. An optional low-pass filter smooths the derivative. The integral
+term i has the unit of the output. It changes by h k_i e per tick of period h, and is saturated. For large errors, this
+change can be reduced by the factor 1 - (e / e₀)², as in PX4. A loop skips the computation of each term that is None.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,12 @@ class Integral(NamedTuple):
     Attributes:
         k_i: integral gain.
         limit: largest absolute value of the term, in the unit of the output.
-        fade: error e₀ at which growth stops; None if the term always grows.
+        max_integrated_error: error e₀ from which on the term stays constant; None to integrate errors of any size.
     """
 
     k_i: Row
     limit: Row
-    fade: Row | None = None
+    max_integrated_error: Row | None = None
 
 
 class Derivative(NamedTuple):
@@ -34,7 +34,7 @@ class Derivative(NamedTuple):
 
     Attributes:
         k_d: derivative gain.
-        low_pass: filter of the derivative; None without one.
+        low_pass: filter of the derivative; None without a filter.
     """
 
     k_d: Row
@@ -62,7 +62,7 @@ class LastMeasurement(NamedTuple):
 
     Attributes:
         value: measured value.
-        known: 1 if there is such a measurement; 0 before the first tick.
+        known: 1 from the first tick on; 0 before the first tick, when no measurement exists.
     """
 
     value: Row
@@ -75,12 +75,12 @@ class Memory(NamedTuple):
     Attributes:
         integral: integral term.
         measured: measurement of the previous tick.
-        delayed: state of the derivative's filter.
+        filter_state: state of the derivative's filter.
     """
 
     integral: Row | None = None
     measured: LastMeasurement | None = None
-    delayed: FilterState | None = None
+    filter_state: FilterState | None = None
 
     @classmethod
     def of(cls, terms: Terms | None) -> "Memory":
@@ -100,26 +100,26 @@ def saturate(value: Row, limit: Row) -> Row:
 
 def integrate(term: Row, error: Row, integral: Integral, period: Time) -> Row:
     """Return the integral term after adding the error of one tick."""
-    growth = integral.k_i * error * period
-    if integral.fade is not None:
-        fraction = error / integral.fade
-        growth = growth * maximum(1.0 - fraction * fraction, 0.0)
-    return saturate(term + growth, integral.limit)
+    change = integral.k_i * error * period
+    if integral.max_integrated_error is not None:
+        fraction = error / integral.max_integrated_error
+        change = change * maximum(1.0 - fraction * fraction, 0.0)
+    return saturate(term + change, integral.limit)
 
 
 def differentiate(
     measured: Row, derivative: Derivative, memory: Memory, period: Time, *, is_angle: bool = False
 ) -> tuple[Row, Memory]:
-    """Return the filtered rate of the measurement, which is 0 at the first tick, and the updated memory."""
-    before = memory.measured
-    assert before is not None
-    change = measured - before.value
-    rate = before.known * (wrap_angle(change) if is_angle else change) / period
-    delayed = memory.delayed
+    """Return the filtered derivative of the measurement, which is 0 at the first tick, and the updated memory."""
+    last = memory.measured
+    assert last is not None
+    change = measured - last.value
+    rate = last.known * (wrap_angle(change) if is_angle else change) / period
+    filter_state = memory.filter_state
     if derivative.low_pass is not None:
-        assert delayed is not None
-        rate, delayed = filter_step(rate, derivative.low_pass, delayed)
-    return rate, Memory(memory.integral, LastMeasurement(measured, 1.0), delayed)
+        assert filter_state is not None
+        rate, filter_state = filter_step(rate, derivative.low_pass, filter_state)
+    return rate, Memory(memory.integral, LastMeasurement(measured, 1.0), filter_state)
 
 
 def pid(
@@ -133,13 +133,13 @@ def pid(
     is_angle: bool = False,
     integrates_first: bool = False,
 ) -> tuple[Row, Memory]:
-    """Return the output of a loop at a tick, and its next memory.
+    """Return the output of a loop at a tick, and the memory for the next tick.
 
     Args:
         setpoint: setpoint r.
         measured: measurement y.
         k_p: proportional gain.
-        terms: other terms; None for a proportional loop.
+        terms: other terms; None for a proportional controller.
         memory: memory after the previous tick.
         period: tick period h, s.
         is_angle: True if the signals are angles, so that differences are wrapped to [-π, π].

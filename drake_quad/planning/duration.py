@@ -26,17 +26,23 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
         InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the plan
             ends in motion and the vehicle cannot brake afterwards.
     """
-    shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
-    wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
-    duration = _whole_ticks(wanted, scenario)
-    if duration > MAX_TICKS * shortest + period:
+    shortest_period, tick = min(scenario.periods.values()), scenario.laboratory.command_link.period
+    requested = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
+    duration = _whole_ticks(requested, scenario)
+    if duration > MAX_TICKS * shortest_period + tick:
         raise InputError(
-            f"the flight would take {duration:g} s, but must take at most {MAX_TICKS * shortest:g} s, which is"
+            f"the flight would take {duration:g} s, but must take at most {MAX_TICKS * shortest_period:g} s, which is"
             f" {MAX_TICKS:,} times the shortest period"
         )
     start = window_start(scenario, plan)
     if start >= duration:
-        raise InputError(f"metrics.start is {start:g}, but must be before the end of the flight at {duration:g} s")
+        lap = scenario.metrics.first_lap
+        if lap is not None:
+            raise InputError(
+                f"metrics.first_lap is {lap}, but this lap starts at {start:g} s and must start before the end of the"
+                f" flight at {duration:g} s"
+            )
+        raise InputError(f"metrics.start is {start:g} s, but must be before the end of the flight at {duration:g} s")
     if continues_in_motion(scenario, plan):
         _check_braking(scenario, plan)
     return duration
@@ -59,7 +65,7 @@ def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
     """Raise InputError if braking after a plan exceeds rotor limits, leaves the permitted space or hits an obstacle."""
-    end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
+    end, remedy = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
     times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
     try:
         check_rotors(plan, scenario, times)
@@ -70,8 +76,8 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
                 check_obstacles(braking, scenario.flight_space())
     except InputError as error:
         raise InputError(
-            f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"
-            f" it cannot be flown ({error}); {demand}"
+            f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the vehicle"
+            f" cannot brake after it ({error}); {remedy}"
         ) from None
 
 
@@ -88,14 +94,16 @@ def _check_boxes(positions: np.ndarray, scenario: Scenario) -> None:
     }
     for name, region in boxes.items():
         box = None if region is None else region.box()
-        beyond = (
+        excess = (
             0.0 if box is None else float(np.max([box.low - positions.min(axis=1), positions.max(axis=1) - box.high]))
         )
-        if beyond > _BOX_TOLERANCE:
-            raise InputError(f"it leaves {name} by {beyond:.2f} m")
+        if excess > _BOX_TOLERANCE:
+            raise InputError(f"the braking path leaves {name} by {excess:.2f} m")
     lowest = float(positions[2].min())
     if lowest < scenario.crash.height:
-        raise InputError(f"it descends to {lowest:.2f} m, below crash.height, {scenario.crash.height:g} m")
+        raise InputError(
+            f"the braking path descends to {lowest:.2f} m, below crash.height, {scenario.crash.height:g} m"
+        )
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:

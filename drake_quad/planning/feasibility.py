@@ -34,8 +34,8 @@ def check_rotors(plan: Plan, mission: Mission, times: np.ndarray) -> None:
     )
     if violation is not None:
         rotor_limits = mission.nominal.min_rotor_speed, mission.nominal.max_rotor_speed
-        of_throttle = "" if violation.limit in rotor_limits else ", which is the limit of the throttle"
-        raise InputError(f"the rotors cannot fly this route: {violation}{of_throttle}")
+        throttle_note = "" if violation.limit in rotor_limits else ", which is the limit of the throttle"
+        raise InputError(f"the rotors cannot fly this route: {violation}{throttle_note}")
 
 
 def check_obstacles(path: PolynomialPath, space: Space | None) -> None:

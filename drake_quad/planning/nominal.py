@@ -10,9 +10,12 @@ _DEFAULT_VALUES = QuadrotorParameters._field_defaults
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
-    """Return the parameters of the nominal vehicle, without drag and with the centre of mass at the layout's origin."""
-    unknown = {name: value for name, value in _DEFAULT_VALUES.items() if name not in Nominal.model_fields}
-    return record_like(QuadrotorParameters, mission.nominal, **unknown | {"rotors": rotors_of(mission.nominal)})
+    """Return the parameters of the nominal vehicle.
+
+    The nominal vehicle has no drag, and its centre of mass is the origin of the rotor layout.
+    """
+    defaults = {name: value for name, value in _DEFAULT_VALUES.items() if name not in Nominal.model_fields}
+    return record_like(QuadrotorParameters, mission.nominal, **defaults | {"rotors": rotors_of(mission.nominal)})
 
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:

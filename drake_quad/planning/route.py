@@ -26,8 +26,7 @@ def plan_route_in_space(mission: Mission, space: Space | None) -> PlannedRoute:
     plan = planned.plan
     if not plan.duration <= MAX_DURATION:
         raise InputError(
-            f"within its limits the route would take {plan.duration:g} s, more than the longest flight,"
-            f" {MAX_DURATION:g} s"
+            f"the route would take {plan.duration:g} s within its limits, but a flight takes at most {MAX_DURATION:g} s"
         )
     check_rotors(plan, mission, sample_times(plan.path))
     if space is not None and planned.waypoints is None:

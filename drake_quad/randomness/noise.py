@@ -71,7 +71,13 @@ def stream_numbers(
 
 
 def state_in_period(states: tuple[StreamState, ...], tick: Tick, num_ticks: float) -> StreamState:
-    """Return the state of a stream in the noise period that contains a tick, given the number of ticks per period."""
+    """Return the initial state of a stream for the noise period that contains a tick.
+
+    Args:
+        states: initial state in each noise period.
+        tick: tick of the stream.
+        num_ticks: number of ticks in a noise period.
+    """
     first, *others = states
     if not others:
         return first
@@ -110,7 +116,7 @@ class NoiseSource(FleetSystem):
         """Declare ports and parameters."""
 
         def states(samples: Samples) -> tuple[tuple[StreamState, ...], ...]:
-            seed, *periods = samples.seed, samples.indices, *samples.later
+            seed, *periods = samples.seed, samples.indices, *samples.later_indices
             return tuple(
                 [
                     tuple([StreamState.of(stream_states(seed, each, stream.kind, stream.name)) for each in periods])
@@ -123,7 +129,7 @@ class NoiseSource(FleetSystem):
                 (
                     stream.num_rows,
                     stream.distribution == RandomDistribution.kGaussian,
-                    _ticks_in_period(noise_period, stream) if parameters.later else math.inf,
+                    _ticks_in_period(noise_period, stream) if parameters.later_indices else math.inf,
                 )
                 for stream in streams
             ]

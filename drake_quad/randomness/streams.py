@@ -4,10 +4,10 @@ A study has a seed, and each of its samples uses three kinds of random numbers: 
 drawn field and every port has its own stream, which is identified by its kind and name. A sample therefore does not
 depend on other random numbers, the order of drawing, other samples or the machine.
 
-NumPy's generators draw numbers for one sample at a time, which took a seventh of the time of a fleet's flight. Streams
-therefore use SplitMix64 (G. L. Steele, D. Lea and C. H. Flood, "Fast splittable pseudorandom number generators", OOPSLA
-2014). SplitMix64 computes number k of a stream directly from k, for all streams at once: each number increments the
-state by a constant, and the number is a hash of the state.
+NumPy's generators draw the numbers of one sample at a time, which took a seventh of the time to simulate a fleet.
+Streams therefore use SplitMix64 (G. L. Steele, D. Lea and C. H. Flood, "Fast splittable pseudorandom number
+generators", OOPSLA 2014). SplitMix64 computes number k of a stream directly from k, for all streams at once: each
+number increments the state by a constant, and the number is a hash of the state.
 """
 
 import functools
@@ -28,8 +28,8 @@ from drake_quad.signals import Number, Row
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
-# A uniform number uses the first 52 bits of a word, plus half of the last bit, so that the number is above 0 and below
-# 1.
+# A uniform number is (n + 1/2) / 2⁵², where n consists of the first 52 bits of a word. It is therefore above 0 and
+# below 1.
 _FRACTION_SHIFT = np.uint64(12)
 _HALF_WORD_SHIFT = np.uint64(32)
 _LOW_HALF_MASK = np.uint64(2**32 - 1)
@@ -53,19 +53,20 @@ class Samples(NamedTuple):
     Attributes:
         seed: seed of all samples, or a tuple with the seed of each sample.
         indices: index of the sample of each vehicle in the first period.
-        later: indices of the vehicles' samples in each period after the first; empty if there is only one period.
+        later_indices: indices of the vehicles' samples in each period after the first; empty if there is only one
+            period.
         period: length of each period, s; infinite if there is only one period.
     """
 
     seed: Seeds
     indices: Sequence[int]
-    later: Sequence[Sequence[int]] = ()
+    later_indices: Sequence[Sequence[int]] = ()
     period: float = math.inf
 
     @property
     def num_periods(self) -> int:
         """Number of periods."""
-        return 1 + len(self.later)
+        return 1 + len(self.later_indices)
 
 
 def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: str) -> np.ndarray:

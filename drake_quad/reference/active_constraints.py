@@ -10,8 +10,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
 from drake_quad.reference.regions import Corridor
 from drake_quad.reference.walls import wall_approaches
 
-# A constraint is active if the difference between the path and the limit or wall is at most this tolerance, relative to
-# the limit or to the largest extent of the corridor.
+# A constraint is active if the path comes closer to a limit or a wall than this tolerance, relative to the limit or to
+# the largest extent of the corridor.
 _RELATIVE_TOLERANCE = 1e-3
 
 

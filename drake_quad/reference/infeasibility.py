@@ -33,18 +33,24 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
-        complaint = _describe_violation(problem, least_excess, "at least")
+        violation = _describe_violation(problem, least_excess, "at least {} is needed")
     except PLANNING_ERRORS:
         # The solver failed for the relaxed problem, so the message describes the path that was planned without limits.
-        complaint = _describe_violation(problem, unlimited, "by the smoothest path")
+        violation = _describe_violation(problem, unlimited, "the smoothest path needs {}")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
-        return f"{complaint}; no slower flight was found that satisfies the derivatives given at the waypoints"
-    return f"{complaint}; flown {slower:.3g} times slower, it is feasible"
+        return f"{violation}; no slower flight was found that satisfies the derivatives given at the waypoints"
+    return f"{violation}; the flight is feasible if all durations are multiplied by {slower:.3g}"
 
 
-def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: str) -> str:
-    """Return a sentence that names the most violated limit, its segment, and the value that the path would need."""
+def _describe_violation(problem: PathProblem, path: PolynomialPath, need: str) -> str:
+    """Return a sentence that names the most violated limit, its segment, and the value that the path would need.
+
+    Args:
+        problem: problem with limits.
+        path: path that violates a limit.
+        need: part of the sentence that states this value, with {} for the value and its unit.
+    """
     violations = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -54,7 +60,7 @@ def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: s
     name, unit = _QUANTITY_AND_UNIT[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
-        f"at these times {qualifier} {_rounded_up(value):g} {unit} is needed"
+        f"at these times {need.format(f'{_rounded_up(value):g} {unit}')}"
     )
 
 
@@ -64,8 +70,8 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, sufficient_facto
     Args:
         problem: problem that is infeasible for these durations.
         durations: (segments,) durations, s.
-        sufficient_factor: factor at which the path that was planned without limits satisfies them. It is used if no
-            motion is given at the waypoints, since slowing down then keeps the shape of the path.
+        sufficient_factor: factor with which the path that was planned without limits satisfies the limits. It is used
+            if all given derivatives are zero, since the shape of the path then does not depend on the factor.
     """
 
     def feasible(factor: float) -> bool:
@@ -90,7 +96,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, sufficient_facto
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
-    """Return a sentence that names the corridor which the path must leave, and the additional width that it needs."""
+    """Return a sentence that names the corridor that the path must leave, and the missing width of the corridor."""
     unknown = "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:
@@ -101,10 +107,10 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
     if worst is None or worst.clearance >= 0.0:
         # The relaxed path stays in the corridors, so a path exists and only the solver failed.
         return unknown
-    wider = WALL_MARGIN * worst.size - worst.clearance
+    missing_width = WALL_MARGIN * worst.size - worst.clearance
     return (
-        f"the corridor of segment {worst.segment} cannot be kept at these times with the derivatives given at the"
-        f" waypoints: it would have to be {_rounded_up(wider):g} m wider"
+        f"the path cannot stay in the corridor of segment {worst.segment} at these times with the derivatives given at"
+        f" the waypoints: the corridor would have to be {_rounded_up(missing_width):g} m wider"
     )
 
 

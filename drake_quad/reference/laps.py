@@ -14,8 +14,8 @@ import numpy as np
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at
 
-# Orders of the derivatives that become continuous between two laps if the velocity, the acceleration and the jerk there
-# are free, respectively.
+# For velocity, acceleration and jerk at the seam: order of the derivative that is continuous there if this quantity is
+# free.
 _CONTINUOUS_ORDERS = np.array([6, 5, 4])
 
 

@@ -54,8 +54,8 @@ FROM_BOUNDARY = hermite_matrix(4)
 """(8, 8) matrix from the boundary derivatives of a segment to its coefficients."""
 BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
 """(8, 8) matrix of a segment's cost in unit time, as a quadratic form in its boundary derivatives."""
-# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. This sum of squares remains accurate
-# and positive when the quadratic form would be a difference of large numbers.
+# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. This sum of squares is positive and
+# accurate, even where cancellation would make the quadratic form inaccurate.
 _SNAP_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
 
 
@@ -181,8 +181,8 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The Lagrange multipliers of the contacts belong to the weighted cost, in which the shortest segment has the
-        # weight one, so they are scaled.
+        # The Lagrange multipliers of the contacts belong to a cost that is multiplied by the seventh power of the
+        # shortest duration, so they are divided by this power.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):

@@ -31,14 +31,14 @@ from drake_quad.reference.walls import WallApproach, wall_approaches
 _SOLVER_TOLERANCES = (1e-9, 1e-7, 1e-5)
 # Smallest violation, relative to the limits, at which a problem counts as infeasible.
 _MIN_RELATIVE_EXCESS = 1e-4
-# The program bounds a path at single points. These margins keep the path between the points within limits and
-# corridors.
+# The program bounds a path only at single points. With these margins, the path also stays within limits and corridors
+# between the points.
 _LIMIT_MARGIN = 1e-4  # relative to the limit
 WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
 # Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. It is needed
 # because no margin is possible at a waypoint on a wall.
 _WALL_TOLERANCE = 1e-7
-_MAX_ROUNDS = 25  # largest number of times that the program is solved, each time with additional bounds
+_MAX_ROUNDS = 25  # largest number of rounds; each round solves the program and adds bounds
 # Weight of the snap cost relative to the weight of the slack, which is the violation of the relaxed constraints. The
 # snap cost only selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
@@ -98,10 +98,10 @@ class MinimumSnapProgram:
     """Program whose solution is the path with the smallest integrated squared snap (paper eqs (18)-(21)).
 
     The variables are the free positions, velocities, accelerations and jerks at the waypoints, relative to the
-    unconstrained path through one point of each waypoint. They are scaled to similar magnitudes for any durations, and
-    they are zero if no constraint is active. Both segments that meet at a waypoint share its variables, so the path has
-    three continuous derivatives. Without inequalities, six derivatives are continuous at the optimum. At an active
-    bound, the fourth to sixth derivatives can jump.
+    unconstrained path through a point of each waypoint's region. They are scaled to similar magnitudes for any
+    durations, and they are zero if no constraint is active. Both segments that meet at a waypoint share its variables,
+    so the path has three continuous derivatives. Without inequalities, six derivatives are continuous at the optimum.
+    At an active bound, the fourth to sixth derivatives can jump.
 
     A limit or a corridor is an inequality for each of infinitely many points of a segment. The program starts without
     these inequalities. `solve` adds them at the points where the solution violates them most, until there is no
@@ -350,8 +350,8 @@ class MinimumSnapProgram:
     def _walls_with_margin(self, approach: WallApproach) -> tuple[float, float]:
         """Return lower and upper bounds for a position across a corridor, with a margin to the walls.
 
-        The margin is at most half of the distance between the wall and the farthest allowed point of each adjacent
-        waypoint.
+        The margin is at most half of the distance between the wall and the allowed point that is farthest from it, for
+        both waypoints of the segment.
         """
         ends = (approach.segment, approach.segment + 1)
         margin = WALL_MARGIN * approach.size

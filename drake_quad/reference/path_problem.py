@@ -172,8 +172,9 @@ class PathProblem:
     def representatives(self) -> np.ndarray:
         """Return an allowed point (segments + 1, axes) for each waypoint, m.
 
-        It is the allowed point nearest to `start`, or nearest to the centre of the waypoint's region if there is no
-        start. If there is no start and a region is a polytope, all points lie on the shortest polyline.
+        If `start` is given, the result is the allowed point nearest to `start`. Otherwise it is the allowed point
+        nearest to the centre of the waypoint's region, or, if a region is a polytope, the point on the shortest
+        polyline through all regions.
         """
         return self._representatives
 

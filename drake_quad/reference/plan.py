@@ -119,7 +119,7 @@ class Plan:
     def reference(self) -> PiecewisePolynomial:
         """Return a trajectory, defined for all times, with the components of all `REFERENCE_PORTS` in order."""
         end = max(self.extended_path.times[-1], self.extended_yaw.times[-1])
-        path, yaw = (_until(end, part) for part in (self.extended_path, self.extended_yaw))
+        path, yaw = (_extend_rest(end, part) for part in (self.extended_path, self.extended_yaw))
         path, yaw = subdivide(path, yaw.times), subdivide(yaw, path.times)
         position, velocity, acceleration, jerk, snap = (_by_axis(path_derivative(path, order)) for order in range(5))
         (angle,), (rate,), (angular_acceleration,) = (_by_axis(path_derivative(yaw, order)) for order in range(3))
@@ -136,8 +136,8 @@ def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:
     return _piecewise_polynomial(path.times, _by_axis(path))
 
 
-def _until(end: float, path: PolynomialPath) -> PolynomialPath:
-    """Extend the rest at the end of a path to a given time (s)."""
+def _extend_rest(end: float, path: PolynomialPath) -> PolynomialPath:
+    """Extend the last piece of a path, in which it is at rest, to a given time (s)."""
     return path._replace(times=np.append(path.times[:-1], end))
 
 

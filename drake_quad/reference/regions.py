@@ -196,8 +196,8 @@ class Polytope:
         program.AddQuadraticCost(2.0 * np.eye(len(p)), np.zeros(len(p)), p, is_convex=True)
         offsets = self.offsets - self.normals @ position
         program.AddLinearConstraint(self.normals, np.full(self.faces, -np.inf), offsets, p)
-        # The cost is flat around its minimum, so the error of the point is about the square root of the solver
-        # tolerance.
+        # The cost is nearly constant around its minimum, so the error of the point is about the square root of the
+        # solver tolerance.
         for option in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
             program.SetSolverOption(ClarabelSolver.id(), option, 1e-12)
         return position + ClarabelSolver().Solve(program).GetSolution(p)

@@ -10,12 +10,12 @@ import numpy as np
 
 from drake_quad.reference.polynomial_path import PolynomialPath, knots, norm_peaks, peak_norm, power_basis
 
-# Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Rounding by solvers, and by
-# files with six decimals, causes smaller values. Jumps of this magnitude have no visible effect: 0.01 m/s² corresponds
-# to 1 mrad of tilt.
+# Velocity, acceleration and jerk, in m (or rad) and s, below which a path counts as at rest. The rounding errors of
+# solvers, and of files with six decimals, are smaller. Jumps of this magnitude have no visible effect: an acceleration
+# of 0.01 m/s² corresponds to a tilt of 1 mrad.
 _REST_TOLERANCES = np.array([1e-3, 1e-2, 1e-1])
-# Duration of the constant pieces before and after the motion, s. Its value does not matter, since a trajectory keeps
-# its first and last value outside its times.
+# Duration of the constant pieces before and after the motion, s. The value does not matter, since a trajectory is
+# constant before its first and after its last time.
 _REST_DURATION = 1.0
 # Candidate durations of the braking piece, s. The attitude needs some tenths of a second to follow.
 _BRAKING_DURATIONS = np.geomspace(1.0, 30.0, 60)

@@ -30,11 +30,11 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
     top = min(speed, math.sqrt(acceleration * total))
     ramp = top**2 / (2.0 * acceleration)
     duration = total / top + top / acceleration
-    to_go = np.clip(total - distance, 0.0, None)
+    remaining = np.clip(total - distance, 0.0, None)
     speeding_up = np.sqrt(2.0 * distance / acceleration)
     cruising = top / (2.0 * acceleration) + distance / top
-    slowing_down = duration - np.sqrt(2.0 * to_go / acceleration)
-    return np.select([distance <= ramp, to_go <= ramp], [speeding_up, slowing_down], cruising)
+    slowing_down = duration - np.sqrt(2.0 * remaining / acceleration)
+    return np.select([distance <= ramp, remaining <= ramp], [speeding_up, slowing_down], cruising)
 
 
 def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndarray:

@@ -42,8 +42,8 @@ _MIN_LOG_CHANGE = 0.02
 _NUM_BISECTIONS = 6  # number of bisections between the times with the smallest snap and feasible times
 # Total duration below which any motion of a path is a rounding error, s.
 _MIN_TOTAL_DURATION = 1e-3
-# A second search is started if a path takes more than this fraction of the duration of a flight that stops at every
-# waypoint.
+# If the first search finds a path that takes more than this fraction of the duration of a flight with a stop at every
+# waypoint, a second search follows.
 _MAX_FRACTION_OF_STOPPING = 0.95
 # Total durations that are tried if derivatives are given at waypoints, relative to the duration of a flight that stops
 # at every waypoint.
@@ -127,8 +127,8 @@ def minimum_time_path(problem: PathProblem) -> PolynomialPath:
     """
     heuristic = heuristic_path(problem)
     best = _local_minimum_time_path(problem, heuristic, smooth=True)
-    # A flight that stops at every waypoint satisfies the limits. If segments are very unequal, it can be as fast as the
-    # optimum.
+    # A flight that stops at every waypoint satisfies the limits; the factor 1.001 keeps its peaks slightly below them.
+    # If segments are very unequal, this flight can be as fast as the optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
     # The local optimum can depend on the initial path, for example on whether the path touches a wall.
     if not problem.has_closed_form_path or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
@@ -229,7 +229,7 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
 
 
 def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """Yield durations, (segments,) in s: those with the smallest snap for several totals, and shorter ones nearby."""
+    """Yield durations, (segments,) in s: for several totals those with the smallest snap, then shortened ones."""
     for factor in _TRIED_FACTORS:
         try:
             path = _minimum_snap_with_same_duration(problem.without_limits(), factor * stopping)

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 
-# Horizontal speed below which the direction of flight is ignored, relative to the largest horizontal speed.
+# Horizontal speed below which the direction of flight is ignored, relative to v_max in `yaw_along_path`.
 _MIN_RELATIVE_SPEED = 0.02
-# Lower limit on the horizontal reference speed, relative to the largest speed. The direction of small sideways motion
-# on a vertical path is not meaningful.
-_MIN_RELATIVE_HORIZONTAL_SPEED = 0.1
+# Smallest v_max in `yaw_along_path`, relative to the largest speed. This limit matters for vertical paths, on which the
+# direction of small horizontal motion is not meaningful.
+_MIN_RELATIVE_V_MAX = 0.1
 # Positions of the yaw knots within a path segment, in unit time.
 _KNOT_POSITIONS = np.linspace(0.0, 1.0, 16, endpoint=False)
 # Matrix of the quadratic form ∫₀¹ (d²y/ds²)² ds. Its vector consists of value and derivative at the start, then value
@@ -51,7 +51,7 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     instants, angles = np.asarray(times, dtype=float), np.asarray(yaws, dtype=float)
     given = np.flatnonzero(np.isfinite(angles))
     if not given.size:
-        raise InputError("no waypoint has a yaw; give a yaw at at least one waypoint")
+        raise InputError("no waypoint has a yaw; give at least one waypoint a yaw")
     for i, j in itertools.pairwise(given):
         if instants[i] == instants[j] and not math.isclose(math.cos(angles[i] - angles[j]), 1.0):
             raise InputError(f"waypoints {i} and {j} are passed at the same time, but have different yaws")
@@ -75,10 +75,10 @@ def yaw_along_path(path: PolynomialPath, *, response: float = 0.5) -> Polynomial
     """Return a smooth profile that points in the direction of flight.
 
     The profile minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt. Here v is the horizontal speed, and
-    v_max is the larger of the largest horizontal speed and a tenth of the largest speed. The spline follows a direction
-    that turns at a constant rate exactly, and smooths a direction that turns faster than the response. If the path
-    stops or is vertical, the yaw takes the shorter rotation from the direction before to the direction after. A path
-    without horizontal motion has yaw zero.
+    v_max is the larger of the largest horizontal speed and a tenth of the largest speed. If the direction turns at a
+    constant rate, the spline follows it exactly. A turn that is faster than the response is smoothed. If the path stops
+    or is vertical, the yaw takes the shorter rotation from the direction before to the direction after. A path without
+    horizontal motion has yaw zero.
 
     Args:
         path: path of the position, whose first two axes are horizontal.
@@ -90,17 +90,15 @@ def yaw_along_path(path: PolynomialPath, *, response: float = 0.5) -> Polynomial
     times = np.append(path.times[segment] + s * path.durations[segment], path.times[-1])
     velocity = evaluate(path, times, 1)
     v_x, v_y = velocity[:2]
-    # The lower limit prevents a vertical path from following its small sideways drift.
-    top = max(
-        float(np.hypot(v_x, v_y).max()), _MIN_RELATIVE_HORIZONTAL_SPEED * float(np.linalg.norm(velocity, axis=0).max())
-    )
+    # On a vertical path, the lower limit prevents the yaw from following small horizontal motion.
+    v_max = max(float(np.hypot(v_x, v_y).max()), _MIN_RELATIVE_V_MAX * float(np.linalg.norm(velocity, axis=0).max()))
     speed = np.hypot(v_x, v_y)
-    has_direction = speed > _MIN_RELATIVE_SPEED * top
+    has_direction = speed > _MIN_RELATIVE_SPEED * v_max
     if not has_direction.any():
         return constant_yaw(path.times[0], path.times[-1], 0.0)
     direction = np.zeros_like(times)
     direction[has_direction] = np.unwrap(np.arctan2(v_y[has_direction], v_x[has_direction]))
-    fraction = np.where(has_direction, speed / top, 0.0) ** 2
+    fraction = np.where(has_direction, speed / v_max, 0.0) ** 2
     return _smoothing_spline(times, direction, fraction / response**4)
 
 

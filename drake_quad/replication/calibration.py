@@ -1,8 +1,8 @@
-"""Calibration of parameters that the paper does not give, by a fit to two cells of Table II of the paper.
+"""Calibration of parameters that the paper does not give. They are fitted to two cells of the paper's Table II.
 
-The paper's PD has errors of about 1 m. Each hypothesis about the cause has two free parameters, one of the PD and one
-of the network. They are fitted, one after the other, to the mean errors of PD and of PD+T2FNN without wind. The errors
-of all other cells are then predictions.
+The paper's PD has errors of about 1 m. Each hypothesis about the cause has two free parameters. The first is fitted to
+the mean error of PD without wind, and then the second to the mean error of PD+T2FNN without wind. The errors of all
+other cells are predictions.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ from drake_quad.studies.statistics import Interval, values_with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
 _DAMPING_RATIO = 0.7  # of the position loop with the PD
-_FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters, which reproduces the errors to within 1 mm
+_FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters; the errors then agree to within 1 mm
 
 
 class FreeParameter(NamedTuple):
@@ -84,7 +84,7 @@ def pd_gains(bandwidth: float) -> list[str]:
     ]
 
 
-def _bandwidth_number(low: float, high: float) -> FreeParameter:
+def _bandwidth_parameter(low: float, high: float) -> FreeParameter:
     return FreeParameter("bandwidth of the PD (rad/s)", low, high, pd_gains)
 
 
@@ -101,20 +101,20 @@ def _covariance_overrides(initial_covariance: float) -> list[str]:
 
 
 _TRACKING_ERROR_DERIVATIVE = "control.position.derivative=tracking_error"
-# Rounded gains of the first hypothesis, which the third hypothesis uses as well.
+# Rounded gains that the first hypothesis yields. The third hypothesis assumes the same gains.
 _BIAS_GAINS = pd_gains(1.2)
 
 HYPOTHESES = {
     "measurement": Hypothesis(
         "derivative on the measurement",
         [],
-        _bandwidth_number(0.9, 1.6),
+        _bandwidth_parameter(0.9, 1.6),
         FreeParameter("slope λ (1/s)", 0.5, 2.5, _slope_overrides),
     ),
     "low_gain": Hypothesis(
         "derivative of the error, low gains",
         [_TRACKING_ERROR_DERIVATIVE],
-        _bandwidth_number(0.35, 1.2),
+        _bandwidth_parameter(0.35, 1.2),
         FreeParameter("initial covariance p₀ for λ = 1 1/s (1/s)", 0.03, 30.0, _covariance_overrides),
     ),
     "bias": Hypothesis(
@@ -143,23 +143,24 @@ def calibrate(
     printed = published_table()
     errors = partial(_errors, num_samples=num_samples, compiled=compiled)
     fixed = list(hypothesis.overrides)
-    x = _fit(hypothesis.pd, lambda more: errors(load(PD_CELL, [*fixed, *more])), printed[PD_CELL].rmse.mean)
-    fixed += hypothesis.pd.overrides(x)
+    target = printed[PD_CELL].rmse.mean
+    pd_value = _fit(hypothesis.pd, lambda more: errors(load(PD_CELL, [*fixed, *more])), target)
+    fixed += hypothesis.pd.overrides(pd_value)
     target = printed[NETWORK_CELL].rmse.mean
-    y = _fit(hypothesis.network, lambda more: errors(load(NETWORK_CELL, [*fixed, *more])), target)
-    learning = hypothesis.network.overrides(y)
+    network_value = _fit(hypothesis.network, lambda more: errors(load(NETWORK_CELL, [*fixed, *more])), target)
+    learning = hypothesis.network.overrides(network_value)
     predicted = {
         cell: mean_interval(errors(load(cell, fixed if cell.controller == "pd" else [*fixed, *learning])))
         for cell in printed
     }
-    return Calibration(hypothesis, x, y, predicted)
+    return Calibration(hypothesis, pd_value, network_value, predicted)
 
 
-def _fit(number: FreeParameter, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
+def _fit(parameter: FreeParameter, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
     """Return the value of a parameter for which the mean error is equal to a target.
 
     Args:
-        number: parameter that is fitted.
+        parameter: parameter that is fitted.
         errors: function from overrides to errors (n,), m.
         target: mean error to be reproduced, m.
 
@@ -168,15 +169,16 @@ def _fit(number: FreeParameter, errors: Callable[[list[str]], np.ndarray], targe
     """
 
     def excess(value: float) -> float:
-        return float(np.mean(errors(number.overrides(value)))) - target
+        return float(np.mean(errors(parameter.overrides(value)))) - target
 
-    ends = excess(number.low), excess(number.high)
+    low, high = parameter.low, parameter.high
+    ends = excess(low), excess(high)
     if not ends[0] * ends[1] < 0.0:
         raise InputError(
-            f"no {number.label} between {number.low:g} and {number.high:g} reproduces the mean error of {target:g} m:"
-            f" the error differs from the target by {ends[0]:+.3g} and {ends[1]:+.3g} m at the ends of the range"
+            f"no {parameter.label} between {low:g} and {high:g} reproduces the mean error of {target:g} m: the error"
+            f" differs from the target by {ends[0]:+.3g} and {ends[1]:+.3g} m at the ends of the range"
         )
-    return float(scipy.optimize.brentq(excess, number.low, number.high, rtol=_FIT_TOLERANCE, xtol=1e-9))
+    return float(scipy.optimize.brentq(excess, low, high, rtol=_FIT_TOLERANCE, xtol=1e-9))
 
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:

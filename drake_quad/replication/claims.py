@@ -48,7 +48,7 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
     return Claim(
         "PD+T2FNN is 50 % better than PD",
         f"reductions of {_range_text(reductions.values())} over winds and exponents; at most {best.percent()} with"
-        " another λ than the fitted one",
+        " a λ other than the fitted one",
         verdict_from_conditions([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
         "holds if all reductions are above 50 %; holds in part if at least one is, with the fitted λ or another one",
         printed=f"Table II: {_span_text(_published_reductions(reductions, 'pd'), 100.0, '.0f')} %",
@@ -68,7 +68,7 @@ def judge_reduction_without_wind(experiment: Experiment) -> Claim:
         f"a reduction of {decrease.percent()}, which is the result of the fit; reductions by the other networks, which"
         f" were not fitted: {_listed_text(other)}",
         "cannot be decided",
-        "cannot be decided, since two parameters were fitted to the errors of these two cells",
+        "cannot be decided, since two parameters were fitted to the errors of PD and PD+T2FNN without wind",
         printed=f"Table II: {pd:.3f} and {network:.3f} m, {100.0 * (1.0 - network / pd):.0f} %",
     )
 
@@ -83,12 +83,12 @@ def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
     best = max((*over_noise, *mixed), key=lambda gain: gain.value)
     return Claim(
         "type 2 beats type 1 by 2 to 7 %",
-        f"reductions of {_range_text(windy.values())} in wind; without wind, with the better width,"
+        f"reductions of {_range_text(windy.values())} in wind; without wind, with the better of the two widths,"
         f" {_range_text(over_noise)} with noise from 0 to 20 mm, {_range_text(mixed)} with q from 0.25 to 0.75, and"
         f" {only_upper.percent()} with q = 0, where only the upper memberships count",
         verdict_from_conditions([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
-        "holds if all reductions in wind are above 2 %; holds in part if at least one is, or a reduction with other"
-        " noise or with a q between 0 and 1",
+        "holds if all reductions in wind are above 2 %; holds in part if at least one of them, or at least one"
+        " reduction with other noise or with a q between 0 and 1, is above 2 %",
         printed=f"Table II in wind: {_span_text(_published_reductions(windy, 'pd_t1fnn'), 100.0, '.0f')} %,"
         " from three runs each, a difference that is not significant (in low wind,"
         f" {_welch_text('pd_t1fnn', 'pd_t2fnn')})",
@@ -114,8 +114,8 @@ def judge_wider_under_noise(experiment: Experiment) -> Claim:
         f"wider sets have an error that is larger by {(-gains[0]).percent()} without position noise and by"
         f" {(-gains[-1]).percent()} with 20 mm, so noise reduces their disadvantage by {trend.percent()} of the error",
         verdict_from_conditions([gains[-1].is_above(0.0), trend.is_above(0.0)]),
-        "holds if noise favours the wider sets and they have a smaller error with 20 mm of noise; holds in part if one"
-        " of these is true",
+        "holds if noise reduces the disadvantage of the wider sets, and they have a smaller error with 20 mm of noise;"
+        " holds in part if only one of these conditions is met",
         printed=f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, a difference that is not significant"
         f" ({_welch_text(*_TYPE_2_CONTROLLERS)}); noise is not varied",
         details=f"the error with wider sets is larger by {text}; noise that adds equally to both errors would also make"
@@ -156,19 +156,20 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
 
 
 def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
-    """Judge the claim that the PD's output tends to zero as the network learns, and increases at each new segment."""
+    """Judge the claim that the PD's output tends to zero as the network learns, and rises again at new segments."""
     fades, returns = (
         {cell: _mean(experiment.recorded[cell][measure]) for cell in select_cells(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
     )
     fade, back = (each[Cell("no_wind", "pd_t2fnn")] for each in (fades, returns))
     return Claim(
-        "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
+        "the PD's output tends to zero as the network learns, and rises again at each change of segment",
         f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of its value in"
         f" the quarter after the climb; in the 1 s after a change of segment, it is {back.percent()} of its value in"
         " the 1 s before",
         verdict_from_conditions([(-fade).is_above(-0.5), back.is_above(1.0)]),
-        "holds if the first percentage is below 50 % and the second above 100 %; holds in part if one of these is true",
+        "holds if the first percentage is below 50 % and the second above 100 %; holds in part if only one of these"
+        " conditions is met",
         printed="Figs 12 and 13, one run",
         details="RMS of the PD's output in the last quarter of a flight, relative to the quarter after the climb:"
         f" {_listed_text(fades)}; RMS of the PD's output in the 1 s after a change of segment, relative to the 1 s"
@@ -220,7 +221,7 @@ def judge_insensitive_to_wind(experiment: Experiment) -> Claim:
 
 
 def judge_straight_against_curved(experiment: Experiment) -> Claim:
-    """Judge the claim that a PD tuned on straight lines is worse on curves, and that a PD tuned on curves oscillates.
+    """Judge the claim about PDs that are tuned only on straight lines, or only on curves.
 
     Gains are selected on the first half of the samples and compared on the second half.
     """
@@ -235,36 +236,39 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
         for best in (on_straight, on_curved)
     ]
     return Claim(
-        "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
-        f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the"
-        f" gains for straight lines have a {error_increase.percent()} larger error on curves than the gains for curves,"
-        f" and with the gains for curves the command varies {variation_ratio.ratio()} times as much on straight lines",
+        "an aggressive PD tuned on straight lines is worse on curves, and one tuned on curves oscillates on straight"
+        " lines",
+        f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the error on"
+        f" curves is larger by {error_increase.percent()} with the gains for straight lines than with the gains for"
+        f" curves, and the variation of the command on straight lines is {variation_ratio.ratio()} times as large with"
+        " the gains for curves as with the gains for straight lines",
         verdict_from_conditions([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
-        "holds if the gains for straight lines have a larger error on curves, and the command varies more with the"
-        " gains for curves; holds in part if one of these is true",
+        "holds if the error on curves is larger with the gains for straight lines, and the variation of the command on"
+        " straight lines is larger with the gains for curves; holds in part if only one of these conditions is met",
         printed="a statement without numbers",
     )
 
 
 def judge_circle_of_gains(experiment: Experiment) -> Claim:
-    """Judge the claim that, with a network, any stabilising gains are sufficient."""
+    """Judge the claim that, with a network, any PD gains that stabilise the loop are sufficient."""
     pd, network = (_mean(near_best_fraction(experiment.maps[name])) for name in MAPPED_CONTROLLERS)
     more = _mean(near_best_fraction(experiment.maps["pd_t2fnn"]) - near_best_fraction(experiment.maps["pd"]))
     typical = [_mean(median_to_best_ratio(experiment.maps[name])) for name in MAPPED_CONTROLLERS]
     best = [_mean(np.nanmin(_errors(experiment.maps[name]), axis=0)) for name in MAPPED_CONTROLLERS]
     return Claim(
-        "with the network any PD gains that stabilise will do: a circle around the optimal point",
-        f"of the gains that stabilise the loop, {pd.percent()} have an error within 20 % of the best with the PD, and"
-        f" {network.percent()} with PD+T2FNN; the median error is {typical[0].ratio()} times the best one with the PD,"
-        f" and {typical[1].ratio()} times with PD+T2FNN; the best errors are {best[0].metres()} and {best[1].metres()}",
+        "with the network, any PD gains that stabilise the loop suffice: a circle around the optimal point",
+        f"of the gains that stabilise the loop, {pd.percent()} have an error within 20 % of the smallest error with the"
+        f" PD, and {network.percent()} with PD+T2FNN; the median error is {typical[0].ratio()} times the smallest error"
+        f" with the PD, and {typical[1].ratio()} times with PD+T2FNN; the smallest errors are {best[0].metres()} and"
+        f" {best[1].metres()}",
         verdict_from_conditions([more.is_above(0.0), network.is_above(0.5)]),
-        "holds if more gains are within 20 % of the best with the network than with the PD, and more than 50 % of the"
-        " gains are; holds in part if one of these is true",
+        "holds if the fraction of gains within 20 % of the smallest error is larger with the network than with the PD,"
+        " and is above 50 %; holds in part if only one of these conditions is met",
         printed="a statement without numbers",
         details=f"{_grid_text(experiment.maps['pd'])}; at least one sample crashes with"
         f" {_num_settings_with_crash(experiment.maps['pd'])} of these gains for the PD, and with"
-        f" {_num_settings_with_crash(experiment.maps['pd_t2fnn'])} for PD+T2FNN; with the network,"
-        f" {more.percent()} more of the gains are within 20 % of the best",
+        f" {_num_settings_with_crash(experiment.maps['pd_t2fnn'])} for PD+T2FNN; with the network, the fraction of"
+        f" gains within 20 % of the smallest error is larger by {more.percent()}",
         figure="gains",
     )
 
@@ -278,7 +282,7 @@ def near_best_fraction(sweep: Sweep) -> np.ndarray:
 
 
 def median_to_best_ratio(sweep: Sweep) -> np.ndarray:
-    """Return the ratio (samples,) of the median error to the smallest error over the gains without a crash."""
+    """Return the ratio (samples,) of the median to the smallest error, among the gains without a crash."""
     rmse = _errors(sweep)
     return np.asarray(np.nanmedian(rmse, axis=0) / np.nanmin(rmse, axis=0))
 
@@ -298,9 +302,9 @@ def advantage(sweep: Sweep, setting: str, value: float, controller: str) -> Inte
 
 
 def published_effort_ratios() -> dict[Cell, tuple[float, float]]:
-    """Return each network's printed mean efforts on X and Y, relative to the PD's effort in the same wind, by cell.
+    """Return each network's printed mean efforts on X and Y, relative to the PD's effort in the same wind.
 
-    A ratio is NaN if one of the two efforts is missing in the paper.
+    The ratios are keyed by cell. A ratio is NaN if one of the two efforts is missing in the paper.
     """
     table = published_table()
     return {
@@ -325,7 +329,7 @@ def _published_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
 
 
 def _errors_at_setting(sweep: Sweep, setting: str, value: float, controller: str) -> np.ndarray:
-    """Return the RMSE (samples,) for one value of a setting and the exponents of a controller.
+    """Return the RMSE (samples,) of a controller for one value of a setting.
 
     Args:
         sweep: sweep over the setting.
@@ -351,7 +355,7 @@ def _errors(sweep: Sweep) -> np.ndarray:
 
 
 def _reduction_at_slope(experiment: Experiment, wind: str, slope: float) -> Interval:
-    """Return the relative reduction of the mean error from PD to PD+T2FNN with a given slope λ."""
+    """Return the relative reduction of the mean error by PD+T2FNN with a given slope λ, compared with PD."""
     sweep = experiment.slopes[wind]
     (index,) = np.flatnonzero(sweep.settings["slope"] == slope)
     pd = experiment.cells[Cell(wind, "pd")].metrics
@@ -360,13 +364,23 @@ def _reduction_at_slope(experiment: Experiment, wind: str, slope: float) -> Inte
 
 
 def _error_reduction(errors: np.ndarray, baseline: np.ndarray) -> Interval:
-    """Return the relative reduction of the mean of errors (samples,), compared with a baseline; crashes must be NaN."""
+    """Return the relative reduction of the mean error, compared with a baseline.
+
+    Args:
+        errors: (samples,) errors; NaN for samples that crashed.
+        baseline: (samples,) errors of the baseline; NaN for samples that crashed.
+    """
     both = np.isfinite(errors) & np.isfinite(baseline)
     return reduction(ratio_of_means(errors[both], baseline[both]))
 
 
 def _reduction_difference(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interval:
-    """Return the difference of two error reductions. Each is given by the errors of a baseline and of a controller."""
+    """Return the error reduction of one pair of controllers minus that of another pair.
+
+    Args:
+        pair: errors (samples,) of a baseline and of a controller.
+        other: errors (samples,) of another baseline and of another controller.
+    """
     valid = np.isfinite([*pair, *other]).all(axis=0)
     ratio, other_ratio = (linearized_ratio(errors[valid], baseline[valid]) for baseline, errors in (pair, other))
     return mean_interval(other_ratio - ratio)
@@ -382,7 +396,7 @@ def _grid_text(sweep: Sweep) -> str:
 
 
 def _num_settings_with_crash(sweep: Sweep) -> int:
-    """Return the number of settings with which a sample crashes."""
+    """Return the number of settings with which at least one sample crashes."""
     return int(sweep.metrics.crashed.any(axis=1).sum())
 
 
@@ -407,15 +421,15 @@ def _published_levels_text(controller: str) -> str:
     return ", ".join("–" if np.isnan(mean) else f"{mean:.3f}" for mean in means)
 
 
-def _span_text(values: Sequence[float] | np.ndarray, size: float, form: str) -> str:
+def _span_text(values: Sequence[float] | np.ndarray, factor: float, format_spec: str) -> str:
     """Return the smallest and the largest value as text.
 
     Args:
         values: numbers, such as relative reductions.
-        size: factor by which the values are multiplied.
-        form: format specification of a number, such as ".2f".
+        factor: factor by which the values are multiplied.
+        format_spec: format specification of a number, such as ".2f".
     """
-    return f"{size * min(values):{form}} to {size * max(values):{form}}"
+    return f"{factor * min(values):{format_spec}} to {factor * max(values):{format_spec}}"
 
 
 def _listed_text(numbers: Mapping[Cell, Interval], text: Callable[[Interval], str] = Interval.percent) -> str:

@@ -37,7 +37,7 @@ def effort_matches(experiment: Experiment) -> list[EffortMatch]:
     """Compare each definition of control effort in `EFFORTS` with the printed effort ratios.
 
     Returns:
-        A result for each definition, the one with the best agreement first. Its interval refers to the mean over the
+        A result for each definition, sorted by agreement, the best first. The intervals refer to the mean over the
         recorded samples.
     """
     printed = published_effort_ratios()

@@ -67,7 +67,7 @@ class SweepPlan(NamedTuple):
 
     Attributes:
         cell: cell whose scenario is flown.
-        settings: (settings,) values of each varied parameter, by name.
+        settings: (settings,) values of each varied parameter, keyed by name.
         num_samples: number of samples that are flown with each setting.
         fly: function that flies some of the settings in one fleet: `fly_settings` or `fly_legs`.
         max_vehicles: largest number of vehicles in a fleet.
@@ -102,7 +102,7 @@ class SweepPlan(NamedTuple):
 
 
 def sweep_plans(sizes: ExperimentSizes) -> dict[str, SweepPlan]:
-    """Return the plans of all sweeps, by the name of their file."""
+    """Return the plans of all sweeps, keyed by the name of the results file."""
     network, pd = Cell("no_wind", "pd_t2fnn"), Cell("no_wind", "pd")
     slopes = {f"slope_{wind}": SweepPlan(Cell(wind, "pd_t2fnn"), SLOPE_SETTINGS, sizes.sweep) for wind in WINDS}
     gains = gain_settings(sizes.grid)
@@ -170,7 +170,9 @@ def fly_experiment(
 
 
 def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: bool) -> None:
-    """Simulate the missing samples of a cell's study in one fleet, since a large fleet takes less time per vehicle.
+    """Simulate the missing samples of a cell's study.
+
+    All samples fly in one fleet, since a large fleet takes less computing time per vehicle.
 
     Raises:
         RuntimeError: if a sample could not be flown.
@@ -189,7 +191,7 @@ class RecordedCell(NamedTuple):
 
     Attributes:
         first: flight of sample 0.
-        measures: (samples,) values of each measure, by name.
+        measures: (samples,) values of each measure, keyed by name.
     """
 
     first: Flight

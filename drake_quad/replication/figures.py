@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
 
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.flight.flight import Flight
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment
 from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES, Sweep
@@ -137,7 +137,7 @@ def errors_figure(
         flights: sample 0 of each cell of Table II.
         wind: name of the wind.
         controllers: names of the controllers.
-        levels: printed errors that are marked next to the axes, by controller, m.
+        levels: printed error of each controller, m, which is marked next to the axes.
         caption: legend entry for the printed errors.
     """
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
@@ -194,7 +194,7 @@ def commands_figure(flights: Flights, axis: str) -> Figure:
         return figure
 
 
-# Functions that draw the paper's figures of single flights, by the name of the figure.
+# Functions that draw the paper's figures of single flights, keyed by the name of the figure.
 FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
     "figure_7": figure_7,
     "figure_8": figure_8,
@@ -213,7 +213,7 @@ FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
 
 
 def table_figure(experiment: Experiment) -> Figure:
-    """Plot the errors of Table II: the printed runs with their mean, and our samples as mean and 95 % range."""
+    """Plot the errors of Table II: the printed runs and their mean, and the mean and 95 % range of our samples."""
     runs: Any = {"linestyle": "none", "marker": "o", "color": "0.6", "markersize": 3.2, "label": "printed runs"}
     mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "fillstyle": "none"}
     ours: Any = {"linestyle": "none", "marker": "D", "color": VERMILION, "markersize": 4.5, "label": "ours, mean"}

@@ -9,7 +9,8 @@ import scipy
 
 from drake_quad.flight.flight import Flight
 
-# Distances to the path are distances to points of the path with this time step, s. At 2 m/s, they are 4 mm apart.
+# The distance to the path is the distance to the nearest of points with this time step, s. At 2 m/s, the points are
+# 4 mm apart.
 _PATH_TIME_STEP = 0.002
 
 # Names of the legs that are straight, and of the legs that are curved.
@@ -66,7 +67,7 @@ EFFORTS = {
 
 
 def measures(flight: Flight) -> dict[str, float]:
-    """Return all measures of a flight with a PD, by name; NaN if the vehicle crashed.
+    """Return all measures of a flight with a PD, keyed by name; NaN if the vehicle crashed.
 
     - The efforts of `EFFORTS` on both axes. Their names end in "_x" and "_y".
     - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by its RMS in the quarter
@@ -104,8 +105,8 @@ def _fade_ratio(flight: Flight) -> float:
 
 def _return_ratio(flight: Flight) -> float:
     squared = _horizontal_square(flight)
-    # The starts of the first two legs are excluded: the first is the start of the flight, and the second is the end of
-    # a vertical climb.
+    # The first two legs are excluded, since the flight starts with the first leg, and the second leg follows a vertical
+    # climb, in which the horizontal output is small.
     changes = flight.plan.leg_times[2:]
     after, before = (
         np.any([(flight.time >= t + first) & (flight.time < t + first + 1.0) for t in changes], axis=0)

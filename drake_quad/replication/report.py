@@ -10,6 +10,7 @@ import numpy as np
 from drake_quad.files import write_text
 from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import peak_norm
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS, FairEntry, fair_entries, write_fair
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.claims import all_claims
 from drake_quad.replication.effort import (
@@ -19,7 +20,6 @@ from drake_quad.replication.effort import (
     published_scatter,
     write_efforts,
 )
-from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry, fair_entries, write_fair
 from drake_quad.replication.figures import Flights, paper_figures
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table

@@ -30,11 +30,11 @@ class Experiment:
     """Results of the replication of the paper's experiment. A cell is a controller and a wind of Table II.
 
     Attributes:
-        cells: studies of the controllers of Table II and of `FAIR_CONTROLLERS` in each wind, by cell.
-        recorded: (samples,) values of the `measures` by name, for each cell of Table II.
+        cells: studies of the controllers of Table II and of `FAIR_CONTROLLERS` in each wind, keyed by cell.
+        recorded: for each cell of Table II, the (samples,) values of the `measures`, keyed by name.
         noise: sweep of networks over the "noise" of the cameras (m) and the exponents "a1" and "a2", without wind.
         q: sweep of networks over "q" and the exponents "a1" and "a2", without wind.
-        slopes: sweeps of PD+T2FNN over the "slope" λ (1/s), by wind.
+        slopes: sweeps of PD+T2FNN over the "slope" λ (1/s), keyed by wind.
         maps: sweep over "k_p" (1/s²) and "k_d" (1/s) for each controller of `MAPPED_CONTROLLERS`, without wind.
         legs: sweep of the PD over "k_p" (1/s²) and "k_d" (1/s) around the best gains, without wind, leg by leg.
     """

@@ -25,7 +25,7 @@ class Sweep(Generic[MetricsType]):
     """Metrics of the same samples of a scenario, for several settings of its parameters.
 
     Attributes:
-        settings: (settings,) values of each varied parameter, by name.
+        settings: (settings,) values of each varied parameter, keyed by name.
         samples: (samples,) indices of the samples, which are the same for each setting.
         metrics: (settings, samples) values of each metric.
     """
@@ -41,14 +41,14 @@ class Sweep(Generic[MetricsType]):
 
 
 def num_rows(columns: Mapping[str, np.ndarray]) -> int:
-    """Return the number of rows of a table, given its columns by name."""
+    """Return the number of rows of a table, given its columns."""
     return len(next(iter(columns.values())))
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Combine each row of one table with each row of another table, and return the columns of the result.
 
-    From each row to the next, the row of the second table changes first.
+    The rows of the result are sorted by the row of the first table, and then by the row of the second table.
     """
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}

@@ -19,7 +19,7 @@ from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.studies.study import Study
 
-# Headings of the quantities of Table II in a report, by the name of the metric.
+# Headings of the quantities of Table II in a report, keyed by the name of the metric.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}
 _TABLE_HEADER = """\
 | | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | deviation |

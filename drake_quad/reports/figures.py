@@ -11,10 +11,10 @@ from PIL import Image
 
 from drake_quad.visualization.panels import new_panels
 
-# Width of a column in the journal that published the paper, inches.
-COLUMN = 3.5
-# Resolution of a PNG file in dots per inch, and number of colours in its palette.
-_DPI, _COLOURS = 220, 128
+# Width of a column in the journal in which Kayacan and Maslim (2016) was published, inches.
+COLUMN_WIDTH = 3.5
+_DOTS_PER_INCH = 220  # resolution of a PNG file
+_NUM_COLOURS = 128  # size of the palette of a PNG file
 
 
 _SMALL_FONTS = dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 8) | dict.fromkeys(
@@ -23,7 +23,9 @@ _SMALL_FONTS = dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 
 
 
 @contextmanager
-def print_panels(height: float, *grid: int, width: float = COLUMN, **options: Any) -> Iterator[tuple[Figure, Any]]:
+def print_panels(
+    height: float, *grid: int, width: float = COLUMN_WIDTH, **options: Any
+) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure and its panels like `new_panels`, with small fonts and thin lines for the width of a column.
 
     Args:
@@ -32,12 +34,14 @@ def print_panels(height: float, *grid: int, width: float = COLUMN, **options: An
         width: width of the figure, inches.
         options: further options of `new_panels`.
     """
-    with new_panels(width, height, *grid, settings={**_SMALL_FONTS, "lines.linewidth": 1.1}, **options) as found:
-        yield found
+    with new_panels(
+        width, height, *grid, settings={**_SMALL_FONTS, "lines.linewidth": 1.1}, **options
+    ) as figure_and_panels:
+        yield figure_and_panels
 
 
 def save_small(figure: Figure, path: Path) -> None:
     """Write a figure as a PNG file with a colour palette, which is a few times smaller than a true-colour file."""
     buffer = BytesIO()
-    figure.savefig(buffer, dpi=_DPI)
-    Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    figure.savefig(buffer, dpi=_DOTS_PER_INCH)
+    Image.open(buffer).convert("RGB").quantize(_NUM_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -32,9 +32,9 @@ def run_jobs(
     Args:
         jobs: jobs of the experiment.
         workers: workers in which the jobs run in parallel; by default, the jobs run in this process.
-        finished: called with the result of each job as soon as the job is done.
-        progress: called after each job with the total size of all finished jobs, the total size of all jobs, and the
-            name of the job.
+        finished: function that is called with the result of each job as soon as the job is done.
+        progress: function that is called after each job with the total size of all finished jobs, the total size of all
+            jobs, and the name of the job.
 
     Raises:
         InputError: if a job failed because the input is wrong.

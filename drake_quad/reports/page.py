@@ -42,7 +42,7 @@ def image(name: str, caption: str, *, width: int = 420) -> str:
 
 
 def filled_template(package: str, **fields: Any) -> str:
-    """Return the text of the file report_template.md of a package, with the given values of its fields."""
+    """Return the text of `report_template.md` in a package, with its fields replaced by the given values."""
     return files(package).joinpath("report_template.md").read_text(encoding="utf-8").format_map(fields)
 
 
@@ -59,7 +59,7 @@ def write_figures(
         figures: figures by name, which are drawn one after another.
         folder: folder of the report.
         vector: format of additional vector graphics; None for no vector graphics.
-        progress: called after each figure.
+        progress: function that is called after each figure.
     """
     target, names = output_folder(folder / _FIGURES_FOLDER), []
     for name, figure in figures:

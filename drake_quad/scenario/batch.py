@@ -79,12 +79,12 @@ class Batch:
         *,
         noise: Sequence[Sequence[int]] | None = None,
     ) -> "Batch":
-        """Map points of the unit cube to a batch, by the quantiles of the scenario's distributions.
+        """Map points of the unit hypercube to a batch by the quantiles of the scenario's distributions.
 
         Args:
             scenario: scenario, which may contain distributions.
             points: (N, d) numbers between 0 and 1, one column for each of the `coordinates` of the scenario. A field
-                without shared variables has the quantile of its distribution at this probability.
+                without shared variables takes the quantile of its distribution at the number in its column.
             samples: (N,) indices of the samples whose wind and noise are used.
             noise: (periods, N) indices of the samples that provide wind and noise in each period of the scenario's
                 `noise`. By default, the scenario determines them.
@@ -130,7 +130,7 @@ class Batch:
         return replace(self, varying={**self.varying, **varying})
 
     def padded(self, num_vehicles: int) -> "Batch":
-        """Return the batch for a larger number of vehicles; each additional vehicle flies the last sample."""
+        """Return the batch with a larger number of vehicles. Each additional vehicle flies the last sample."""
         missing = num_vehicles - len(self)
         varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
 

@@ -35,7 +35,7 @@ _VARIANCE_TOLERANCE = 0.02
 # Variance of a weighted sum, relative to the variances of the fields, below which it counts as zero.
 _MIN_VARIANCE = 1e-9
 # Tolerance for rounding errors in the symmetry and the eigenvalues of a given covariance matrix.
-_ROUNDING = 1e-6
+_MATRIX_TOLERANCE = 1e-6
 
 
 def shared_names(distributions: Iterable[Distribution]) -> list[str]:
@@ -164,7 +164,7 @@ def correlated_normals(
     weights.
 
     Negligible variables and decimals are omitted. The standard deviations of the quantities are exactly the given ones,
-    and the standard deviation of any weighted sum is correct to one per cent.
+    and the standard deviation of any weighted sum is correct to one per cent unless it is almost zero.
 
     Args:
         names: names of the n quantities, such as paths of fields.
@@ -182,7 +182,7 @@ def correlated_normals(
     mean, covariance = np.asarray(mean, dtype=float), np.asarray(covariance, dtype=float)
     deviation = checked_deviations(names, mean, covariance)
     correlation = covariance / np.outer(deviation, deviation)
-    if len(names) and np.linalg.eigvalsh(correlation)[0] < -_ROUNDING * len(names):
+    if len(names) and np.linalg.eigvalsh(correlation)[0] < -_MATRIX_TOLERANCE * len(names):
         raise InputError(
             "the covariance matrix is not positive semidefinite, so it cannot be the covariance of random numbers"
         )
@@ -190,8 +190,8 @@ def correlated_normals(
     result: dict[str, dict[str, Any]] = {}
     for name, centre, spread, row in zip(names, mean, deviation, weights, strict=True):
         shared = {f"{prefix}_{k + 1}": float(weight) for k, weight in enumerate(row) if weight != 0.0}
-        bell: dict[str, Any] = {"mean": float(centre), "standard_deviation": float(spread)}
-        result[name] = {"normal": {**bell, "shared": shared} if shared else bell}
+        normal: dict[str, Any] = {"mean": float(centre), "standard_deviation": float(spread)}
+        result[name] = {"normal": {**normal, "shared": shared} if shared else normal}
     return result
 
 
@@ -222,7 +222,7 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
             )
     deviation: np.ndarray = np.sqrt(variance)
     scale = np.outer(deviation, deviation)
-    if not np.all(np.abs(covariance - covariance.T) <= _ROUNDING * scale):
+    if not np.all(np.abs(covariance - covariance.T) <= _MATRIX_TOLERANCE * scale):
         raise InputError("the covariance matrix is not symmetric")
     return deviation
 
@@ -255,7 +255,7 @@ def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) 
             _rounded_factors(factors, part, min_weight, decimals)
             for factors in (_eigenvalue_factors(part), _cholesky_factor(part))
         ]
-        # Accurate weights are preferred. Among these, the weights with the fewest nonzero numbers are used.
+        # Prefer accurate weights, and among these the weights with the fewest nonzero numbers.
         kept = min(candidates, key=lambda each: (not _agrees(each, part), np.count_nonzero(each)))
         columns.append(np.zeros((count, kept.shape[1])))
         columns[-1][members] = kept
@@ -286,10 +286,10 @@ def _cholesky_factor(correlation: np.ndarray) -> np.ndarray:
 
 def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
     """Return the (n, n) factors V √(Λ - λ) for eigenvectors V, eigenvalues Λ and the smallest eigenvalue λ."""
-    size, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
-    factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(size[::-1] - max(size[0], 0.0), 0.0))
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
+    factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(eigenvalues[::-1] - max(eigenvalues[0], 0.0), 0.0))
     # The sign of an eigenvector is arbitrary, so its entry with the largest magnitude is made positive.
-    signs = np.sign(factors[np.argmax(np.abs(factors), axis=0), np.arange(len(size))])
+    signs = np.sign(factors[np.argmax(np.abs(factors), axis=0), np.arange(len(eigenvalues))])
     return factors * np.where(signs == 0.0, 1.0, signs)
 
 

@@ -72,7 +72,7 @@ def _quantities(hint: Any, metadata: Sequence[Any], description: str) -> Iterato
 
 def _declaration(unit: str, rules: Sequence[Rule]) -> Declaration:
     """Return the declaration of a single number, given its unit and its rules."""
-    binding = [rule for rule in rules if not rule.is_of_numbers]
+    binding = [rule for rule in rules if not rule.applies_to_written_numbers]
     return Declaration(
         unit,
         max([-MAX_MAGNITUDE, *(rule.lower for rule in rules if rule.lower is not None)]),

@@ -31,7 +31,7 @@ def unit_at(scenario: Mission, path: str) -> str:
 def unit_from_description(description: str) -> str:
     """Return the unit in a description, "" if it has none.
 
-    The unit is the first text in parentheses that is neither an equation number nor a squared expression.
+    The unit is the first text in parentheses that is neither an equation number, as in "eq (8)", nor followed by ².
     """
     found = re.search(r"(?<!eq )\(([^()]*)\)(?!²)", description)
     return found[1] if found else ""

@@ -30,10 +30,10 @@ from drake_quad.scenario.limits import MAX_MAGNITUDE, MIN_MAGNITUDE
 from drake_quad.scenario.user_code import import_option
 
 Real = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
-# Pattern that the name of a shared variable must match.
-_IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
-# Tolerance on the sum of squared correlations, since decimal numbers are rounded.
-_ROUNDING = 1e-12
+# Pattern for the name of a shared variable.
+_SHARED_NAME_PATTERN = "[A-Za-z_][A-Za-z0-9_]{0,59}"
+# Largest rounding error in the sum of the squared correlations of a field.
+_CORRELATION_TOLERANCE = 1e-12
 _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
 
@@ -121,7 +121,7 @@ class Range(Model):
     max: Real = Field(description="largest value")
 
     @model_validator(mode="after")
-    def _ordered(self) -> "Range":
+    def _max_exceeds_min(self) -> "Range":
         if not self.min < self.max:
             raise self.field_error(f"must be larger than min, {self.min}", "max")
         return self
@@ -146,20 +146,20 @@ class NormalParameters(Model):
         default={},
         description="correlations with shared standard normal variables, by the name of the variable; for each sample,"
         " a variable is drawn once for all fields that name it; the squares of a field's correlations sum to at most 1",
-        json_schema_extra={"propertyNames": {"pattern": f"^{_IDENTIFIER}$"}},
+        json_schema_extra={"propertyNames": {"pattern": f"^{_SHARED_NAME_PATTERN}$"}},
     )
 
     @field_validator("shared")
     @classmethod
-    def _sharing(cls, shared: dict[str, float]) -> dict[str, float]:
-        wrong_name = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
+    def _correlations_are_valid(cls, shared: dict[str, float]) -> dict[str, float]:
+        wrong_name = next((name for name in shared if not re.fullmatch(_SHARED_NAME_PATTERN, name)), None)
         if wrong_name is not None:
             raise validation_error(
-                f"must not have the name {short_repr(wrong_name)}: the name of a shared variable has at most 60"
-                " letters, digits and '_', and does not begin with a digit"
+                f"must not have the name {short_repr(wrong_name)}; the name of a shared variable must consist of at"
+                " most 60 letters, digits and '_', and must not begin with a digit"
             )
         total = math.fsum(each * each for each in shared.values())
-        if total > 1.0 + _ROUNDING:
+        if total > 1.0 + _CORRELATION_TOLERANCE:
             raise validation_error(f"must have correlations whose squares sum to at most 1, not {total:.6g}")
         return shared
 
@@ -179,7 +179,7 @@ class Distribution(Model):
 
     Attributes:
         parameters: type of the parameters in a YAML document.
-        dimensionless: names of the parameters, such as correlations, that do not have the unit of the number.
+        dimensionless: names of the parameters that do not have the unit of the number, such as correlations.
     """
 
     parameters: ClassVar[type | UnionType] = Mapping
@@ -208,14 +208,14 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {}
 """Classes of distributions, by the name of the distribution."""
 
 
-def _named(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
+def _register(model: type[_AnyDistribution]) -> type[_AnyDistribution]:
     """Add a class to `DISTRIBUTIONS`, under the name of its only field."""
     (name,) = model.model_fields
     DISTRIBUTIONS[name] = model
     return model
 
 
-@_named
+@_register
 class Uniform(Distribution):
     """Uniform distribution: all numbers of an interval are equally likely."""
 
@@ -234,9 +234,9 @@ class Uniform(Distribution):
         return self.uniform.min + probability * (self.uniform.max - self.uniform.min)
 
 
-@_named
+@_register
 class LogUniform(Distribution):
-    """Log-uniform distribution, in which the logarithm is uniform, for scale factors."""
+    """Log-uniform distribution: the logarithm is uniformly distributed, as for scale factors."""
 
     log_uniform: PositiveRange
 
@@ -253,7 +253,7 @@ class LogUniform(Distribution):
         return self.log_uniform.min * (self.log_uniform.max / self.log_uniform.min) ** probability
 
 
-@_named
+@_register
 class Normal(Distribution):
     """Normal distribution, optionally correlated with other normal distributions.
 
@@ -265,10 +265,12 @@ class Normal(Distribution):
 
     def __repr__(self) -> str:
         """Return a short text such as `normal(0.7, 0.03, min=0.6)`."""
-        bell = self.normal
-        limits = [f"{name}={limit:g}" for name, limit in (("min", bell.min), ("max", bell.max)) if limit is not None]
-        shared = [f"shared={bell.shared}"] if bell.shared else []
-        return f"normal({', '.join([f'{bell.mean:g}', f'{bell.standard_deviation:g}', *limits, *shared])})"
+        normal = self.normal
+        limits = [
+            f"{name}={limit:g}" for name, limit in (("min", normal.min), ("max", normal.max)) if limit is not None
+        ]
+        shared = [f"shared={normal.shared}"] if normal.shared else []
+        return f"normal({', '.join([f'{normal.mean:g}', f'{normal.standard_deviation:g}', *limits, *shared])})"
 
     def extremes(self) -> tuple[float | None, float | None]:
         """Return the smallest and the largest possible value; None for a bound that does not exist."""
@@ -289,7 +291,7 @@ class Normal(Distribution):
         return np.clip(value, low, high)
 
 
-@_named
+@_register
 class Choice(Distribution):
     """Choice of one of several numbers, which are equally likely."""
 

@@ -28,15 +28,16 @@ class DesignedDraws(Model):
     """Draws of a study in independent replicates, each of which covers all distributions evenly."""
 
     kind: Literal["latin_hypercube", "sobol"] = Field(
-        description="`latin_hypercube`: each drawn field has one value in each of `size` intervals with equal"
-        " probabilities; `sobol`: a scrambled Sobol sequence, which also covers combinations of fields evenly"
+        description="`latin_hypercube`: in each replicate, each random field has one value in each of `size`"
+        " intervals with equal probabilities; `sobol`: a scrambled Sobol sequence, which also covers combinations of"
+        " fields evenly"
     )
     size: Annotated[int, Field(ge=2, le=MAX_SIZE)] = Field(
         description="number of samples in each replicate; a power of two for `sobol`"
     )
 
     @model_validator(mode="after")
-    def _is_complete(self) -> "DesignedDraws":
+    def _size_fits_kind(self) -> "DesignedDraws":
         if self.kind == SOBOL and self.size & (self.size - 1):
             raise self.field_error("must be a power of two for sobol", "size")
         return self
@@ -65,7 +66,8 @@ class DesignedDraws(Model):
         else:
             cells = np.stack([self._ranks(seed, replicates, name)[members, indices] for name in streams], axis=1)
             width = 1.0 / self.size
-        # Each number is uniform within its cell. Its position within the cell does not depend on the design.
+        # The design selects a cell, one of several intervals of equal width, for each number. Within its cell, the
+        # number is uniformly distributed and does not depend on the design.
         inside = np.stack([parameter_numbers(seed, samples, name) for name in streams], axis=1)
         smallest = 2.0**-53
         numbers = np.clip((cells + inside) * width, smallest, 1.0 - smallest)

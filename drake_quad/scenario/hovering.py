@@ -42,8 +42,8 @@ def at_rest(scenario: Scenario) -> Scenario:
 def in_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover as `at_rest` does, but with noise, turbulence, lost frames and lost packets.
 
-    Sensors that the estimator does not read are removed, since no built-in control reads them. Faults, quantisation and
-    vibration of sensors are removed as well.
+    Sensors that the estimator does not read are removed, since no built-in control reads them. Faults of sensors are
+    removed, and so are sensor errors without a linear model, such as quantisation and vibration.
 
     Raises:
         InputError: if the scenario contains a distribution.
@@ -80,7 +80,7 @@ def in_hover(scenario: Scenario) -> Scenario:
 
 
 def with_exact_measurement(scenario: Scenario) -> Scenario:
-    """Return the scenario with the exact state in place of the estimate; the same scenario if it has no estimator."""
+    """Return the scenario with the exact state instead of an estimate; unchanged if it has no estimator."""
     laboratory = scenario.laboratory
     if not laboratory.estimator.integrates_sensors:
         return scenario

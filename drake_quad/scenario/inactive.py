@@ -101,7 +101,7 @@ def is_set(mapping: Any, name: str) -> bool:
 
 
 def late_setting(mapping: Any, name: str, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-    """Yield the setting if a time in a mapping is always after the end of the flight.
+    """Yield a field that contains a time, if this time is certain to be after the end of the flight.
 
     Args:
         mapping: mapping of a scenario.

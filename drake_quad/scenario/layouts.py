@@ -25,13 +25,13 @@ class RotorLayout(Model):
 
     Attributes:
         is_paired: True if opposite rotors of every airframe with this layout form pairs; see `paired_rotor_action`.
-        has_sides: True if the frame is drawn as an H, with a bar on each side; False if every rotor has an arm from
-            the middle.
+        has_side_bars: True if animations show the frame as an H, with a bar on each side; False if they show an arm
+            from the middle to every rotor.
     """
 
     kind: str
     is_paired: ClassVar[bool]
-    has_sides: ClassVar[bool]
+    has_side_bars: ClassVar[bool]
 
     @property
     @abstractmethod
@@ -62,9 +62,9 @@ class _Alternating(RotorLayout):
         description="distance between the right and the left rotors (m); length and width replace arm_length",
     )
     is_paired: ClassVar = True
-    has_sides: ClassVar = False
+    has_side_bars: ClassVar = False
     _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
-    # Length and width of the rectangle of rotors, relative to the arm length.
+    # Default `length` and `width`, as a multiple of the arm length.
     _distance_per_arm: ClassVar = sqrt(2.0)
 
     @model_validator(mode="after")
@@ -117,7 +117,7 @@ class HLayout(_Alternating):
         description="distance between the front and the rear rotors (m)"
     )
     width: Annotated[Positive, PLAUSIBLE_SIZE] = Field(description="distance between the right and the left rotors (m)")
-    has_sides: ClassVar = True
+    has_side_bars: ClassVar = True
 
 
 class RotorPlacement(Model):
@@ -129,10 +129,10 @@ class RotorPlacement(Model):
     )
     turns: _Turns = Field(description="direction of rotation, seen from above")
     thrust_factor: Positive | None = Field(
-        default=None, description="thrust factor b of the rotor (N s²); the factor of the airframe if not given"
+        default=None, description="thrust factor b of the rotor (N s²); by default, that of the airframe"
     )
     drag_factor: Positive | None = Field(
-        default=None, description="drag factor d of the rotor (N m s²); the factor of the airframe if not given"
+        default=None, description="drag factor d of the rotor (N m s²); by default, that of the airframe"
     )
 
 
@@ -145,7 +145,7 @@ class RotorsLayout(RotorLayout):
         Field(description="rotors 1 to 4, in this order")
     )
     is_paired: ClassVar = False
-    has_sides: ClassVar = False
+    has_side_bars: ClassVar = False
 
     @property
     def has_distances(self) -> bool:
@@ -153,7 +153,7 @@ class RotorsLayout(RotorLayout):
         return True
 
     def rotors_of(self, airframe: Any) -> Rotors:
-        """Return the rotors. If a rotor gives no thrust or drag factor, the factor of the airframe applies."""
+        """Return the rotors. The factors of the airframe apply to rotors without their own thrust or drag factor."""
         return Rotors._make(_rotor(placement, airframe) for placement in self.rotors)
 
 

@@ -22,7 +22,7 @@ class LoopTerms(Model):
     integral_fade: Annotated[Positive | None, needs("k_i")] = Field(
         default=None,
         description="e₀: the integrand is multiplied by 1 - (e / e₀)², and is 0 for errors e larger than e₀"
-        " (unit of the error); no such factor if not given",
+        " (unit of the error); no factor if not given",
     )
     integration: Annotated[IntegrationRule, needs("k_i")] = "forward_euler"
     k_d: Gains | None = Field(
@@ -43,7 +43,7 @@ class LoopTerms(Model):
 
     @property
     def integrates_first(self) -> bool:
-        """True if the integral in a tick's output already includes the error of that tick."""
+        """True if the integral in the output of a tick already includes the error of the same tick."""
         return self.integration == "backward_euler"
 
     def terms(self, period: float) -> tuple[Terms, Terms, Terms]:
@@ -56,8 +56,8 @@ class LoopTerms(Model):
         k_i, k_d, k_ff = (_gain(gains, axis) for gains in (self.k_i, self.k_d, self.k_ff))
         if k_i is not None:
             limit: Any = math.inf if self.integral_limit is None else self.integral_limit[axis]
-            fade: Any = self.integral_fade
-            integral = Integral(k_i, limit, fade)
+            max_error: Any = self.integral_fade
+            integral = Integral(k_i, limit, max_error)
         if k_d is not None:
             bandwidth: Any = None if self.derivative_bandwidth is None else self.derivative_bandwidth[axis]
             derivative = Derivative(

@@ -80,7 +80,7 @@ from drake_quad.signals import sensor_port_name, valid_signal
 from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.attitude_response import ATTITUDE_RESPONSE_EFFECTS
-from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
+from drake_quad.vehicle.authority import explain_infeasible_hover, explain_missing_wrench
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -91,8 +91,8 @@ NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 _PAPER_VEHICLE = QuadrotorParameters()
 _PAPER_ROTOR = _PAPER_VEHICLE.rotors.rotor_1
-# Largest relative difference between a given arm length and the arms computed from a layout's distances. Data sheets
-# give two or three digits.
+# Largest relative difference between a given arm length and the arm lengths that follow from the distances of a layout.
+# Data sheets give two or three digits.
 _ARM_TOLERANCE = 0.01
 # Largest plausible mass: 100 kg, five times the mass of the heaviest vehicles for which the language is intended.
 _PLAUSIBLE_MASS = not_in_grams(upper=100.0)
@@ -144,7 +144,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         rotors = "layout", "thrust_factor", "drag_factor", "arm_length"
         if any(path.startswith(rotors) for path in distributions_in(self)):
             return
-        if missing := missing_direction(rotors_of(self)):
+        if missing := explain_missing_wrench(rotors_of(self)):
             raise self.field_error(f"must produce thrust and all torques, but cannot produce {missing}", "layout")
 
     def check_inertia(self) -> None:
@@ -179,13 +179,13 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
 
     @field_validator("layout")
     @classmethod
-    def _nominal(cls, layout: Layout) -> Layout:
+    def _layout_is_fixed(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
             raise layout.field_error("must be a number, since planner and controllers use it", *path_keys(path))
         return layout
 
     @model_validator(mode="after")
-    def _can_fly(self) -> "Nominal":
+    def _can_hover(self) -> "Nominal":
         if not self.max_rotor_speed > self.min_rotor_speed:
             raise self.field_error(f"must be larger than min_rotor_speed, {self.min_rotor_speed}", "max_rotor_speed")
         self.check_inertia()
@@ -219,7 +219,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     )
     rotor_time_constant_down: Annotated[Span | None, PLAUSIBLE_LAG] = Field(
         default=None,
-        description="time constant of the speed of rotors that slow down (s); `rotor_time_constant` if not given",
+        description="time constant of the speed of rotors that slow down (s); by default, `rotor_time_constant`",
     )
     motors: Motors = Field(
         default=SpeedMotors(kind="speed"),
@@ -237,7 +237,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     time_step: Step = Field(default=0.01, description="step of the built-in integration (s); 0 for a continuous state")
 
     @model_validator(mode="after")
-    def _one_load(self) -> "Vehicle":
+    def _carries_one_load(self) -> "Vehicle":
         if {"payload", "slung_load"} <= self.effects().keys():
             demand = "must not be combined with a payload, which moves the centre of mass away from the attachment"
             raise self.field_error(demand, "slung_load")
@@ -269,7 +269,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
             return ""
         return f"the vehicle has no drag: {join_names([f'vehicle.{name}' for name in names])} are zero or not given"
 
-    def without_response(self) -> tuple[str, ...]:
+    def effects_unsupported_by_response(self) -> tuple[str, ...]:
         """Return the field names of effects that cannot be combined with an autopilot of kind `response`."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
         return (*failure, *(name for name in self.effect_parameters().names if name not in ATTITUDE_RESPONSE_EFFECTS))
@@ -321,8 +321,8 @@ class Laboratory(Model):
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as wind if the vehicle has no drag."""
         yield from super().inactive_settings(flight, path)
-        if self.wind and (flaw := flight.scenario.vehicle.explain_missing_wind_effect()):
-            yield InactiveSetting(f"{path}.wind", flaw)
+        if self.wind and (reason := flight.scenario.vehicle.explain_missing_wind_effect()):
+            yield InactiveSetting(f"{path}.wind", reason)
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
@@ -342,7 +342,7 @@ class Laboratory(Model):
 
 # Pattern for the name of an additional metric.
 _METRIC_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
-# The time to draw a random number grows with the number of periods of `NoiseSamples`.
+# Limits the time to draw a random number, which grows with the number of periods of `NoiseSamples`.
 _MAX_NOISE_PERIODS = 1000
 _RESERVED_COLUMN_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
 
@@ -360,7 +360,7 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
             raise validation_error(demand, path=(shorten_text(name),))
         if name in taken:
             raise validation_error(
-                "must have another name, since a study has another column of this name", path=(name,)
+                "must have another name, since a study has another column with this name", path=(name,)
             )
 
 
@@ -374,7 +374,7 @@ class MetricWindow(Model):
         " and a route without laps is one lap",
     )
     end: FixedMoment | None = Field(
-        default=None, description="end of the metric window (s); the end of the flight if not given"
+        default=None, description="end of the metric window (s); by default, the end of the flight"
     )
 
     additional: dict[str, AnyMetric] = Field(
@@ -397,12 +397,12 @@ class MetricWindow(Model):
 
     @field_validator("additional")
     @classmethod
-    def _with_new_names(cls, additional: dict[str, AnyMetric]) -> dict[str, AnyMetric]:
+    def _names_are_allowed(cls, additional: dict[str, AnyMetric]) -> dict[str, AnyMetric]:
         _check_metric_names(additional, _RESERVED_COLUMN_NAMES)
         return additional
 
     @model_validator(mode="after")
-    def _begins_once_and_ends_later(self) -> "MetricWindow":
+    def _is_consistent(self) -> "MetricWindow":
         if self.first_lap is not None and self.start:
             raise self.field_error(f"must not be combined with a start, {self.start}", "first_lap")
         if self.end is not None and not self.end > self.start:
@@ -468,7 +468,7 @@ class Mission(Model):
         return f"<{type(self).__name__} {self.name}: {'; '.join(self._summary())}>"
 
     def _summary(self) -> list[str]:
-        """Return the parts of the text that `repr` shows."""
+        """Return the parts of the summary that `repr` shows."""
         return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstacle_summary()]
 
     def _obstacle_summary(self) -> list[str]:
@@ -481,7 +481,7 @@ _SampleIndex = Annotated[int, Field(ge=0, lt=2**31)]
 
 
 class NoiseSamples(Model):
-    """Samples whose wind and noise act one after another, each for a period. The last sample acts until the end."""
+    """Samples whose wind and noise are used in turn, each for one period, the last until the end of the flight."""
 
     period: FixedPositive = Field(default=1.0, description="period (s), a multiple of the control period")
     samples: Annotated[tuple[_SampleIndex, ...], Field(strict=False, min_length=1, max_length=_MAX_NOISE_PERIODS)] = (
@@ -496,7 +496,7 @@ class Scenario(Mission):
     laboratory: Laboratory = Laboratory()
     control: AnyControl
     duration: FixedSpan | None = Field(
-        default=None, description="duration of the flight (s); the duration of the route if not given"
+        default=None, description="duration of the flight (s); by default, the duration of the route"
     )
     initial: InitialState = InitialState()
     metrics: MetricWindow = MetricWindow()
@@ -509,7 +509,7 @@ class Scenario(Mission):
         default=None, description="index of the sample in a study, from 0; only needed if there are distributions"
     )
     noise: NoiseSamples | None = Field(
-        default=None, description="samples whose wind and noise are used; those of `sample` if not given"
+        default=None, description="samples whose wind and noise are used; by default, the sample in `sample`"
     )
     draws: DesignedDraws | None = Field(
         default=None, description="sampling design of a study; independent random samples if not given"
@@ -530,7 +530,7 @@ class Scenario(Mission):
 
     @field_validator("vehicle")
     @classmethod
-    def _as_nominal(cls, vehicle: Vehicle, info: ValidationInfo) -> Vehicle:
+    def _with_nominal_values(cls, vehicle: Vehicle, info: ValidationInfo) -> Vehicle:
         """Fill missing fields of the vehicle from `nominal`."""
         nominal = info.data.get("nominal")
         if nominal is None:
@@ -590,7 +590,7 @@ class Scenario(Mission):
 
     @field_validator("requirements")
     @classmethod
-    def _with_new_names(cls, specified: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
+    def _names_are_allowed(cls, specified: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
         metrics = info.data.get("metrics")
         taken = (*_RESERVED_COLUMN_NAMES, *(() if metrics is None else metrics.additional))
         _check_metric_names(specified, taken)
@@ -604,7 +604,7 @@ class Scenario(Mission):
         return self
 
     @model_validator(mode="after")
-    def _few_shared_variables(self) -> "Scenario":
+    def _shared_variables_are_within_limit(self) -> "Scenario":
         """Raise an error if the distributions use more than `MAX_SHARED` shared variables."""
         names: set[str] = set()
         for path, distribution in distributions_in(self).items():
@@ -615,7 +615,7 @@ class Scenario(Mission):
         return self
 
     @model_validator(mode="after")
-    def _grids_coincide(self) -> "Scenario":
+    def _ticks_coincide(self) -> "Scenario":
         base, shortest = min((period, join_path(*path)) for path, period in self.periods.items())
         if self.vehicle.time_step > base:
             demand = f"must not be longer than the shortest period, {base} s of {shortest}"
@@ -627,8 +627,8 @@ class Scenario(Mission):
         return self
 
     @model_validator(mode="after")
-    def _few_ticks(self) -> "Scenario":
-        """Raise an error if it is clear before planning that the flight has more than `MAX_TICKS` ticks."""
+    def _ticks_are_within_limit(self) -> "Scenario":
+        """Raise an error if the flight has more than `MAX_TICKS` ticks and its duration is known before planning."""
         longest = MAX_TICKS * min(self.periods.values())
         path, end = self.route.known_end_time() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:
@@ -652,13 +652,13 @@ UNIONS = (
 """Unions to which members can be added."""
 REGISTRIES = *UNIONS, EFFECTS
 """Unions and open fields to which members can be added."""
-WINDS.rebuild(Laboratory)
-SENSORS.rebuild(Laboratory)
-ESTIMATORS.rebuild(Laboratory)
-METRICS.rebuild(MetricWindow)
-AUTOPILOTS.rebuild(Laboratory)
-LAYOUTS.rebuild(Nominal, Vehicle)
+WINDS.add_dependent_models(Laboratory)
+SENSORS.add_dependent_models(Laboratory)
+ESTIMATORS.add_dependent_models(Laboratory)
+METRICS.add_dependent_models(MetricWindow)
+AUTOPILOTS.add_dependent_models(Laboratory)
+LAYOUTS.add_dependent_models(Nominal, Vehicle)
 for union in (LAYOUTS, ROUTES, WINDS):
-    union.rebuild(Mission)
+    union.add_dependent_models(Mission)
 for registry in REGISTRIES:
-    registry.rebuild(Scenario)
+    registry.add_dependent_models(Scenario)

@@ -32,9 +32,9 @@ from drake_quad.scenario.quantities import (
     field_from_record,
     max_ticks,
 )
-from drake_quad.scenario.sensors.aiding import AidingSensor, AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel, AidingSensor
 
-# Even markers aligned by eye are aligned to within 20 degrees.
+# Markers that are aligned by eye are accurate to within 20°, or 0.35 rad.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 
@@ -69,7 +69,7 @@ class MotionCaptureSettings(AidingSensor, Model):
     dropout_rate: Probability = field_from_record(CameraParameters, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
 
-    aids: ClassVar = AidingUse("pose", (("position_noise",), ("attitude_noise",)))
+    aids: ClassVar = AidingModel("pose", (("position_noise",), ("attitude_noise",)))
     position: ClassVar = (0.0, 0.0, 0.0)
 
     @property
@@ -83,7 +83,11 @@ class MotionCaptureSettings(AidingSensor, Model):
         return self.latency_frames
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> PoseAiding:
-        """Return the use of position and attitude, given the standard deviations of their components."""
+        """Return the parameters of the measurement equation for position and attitude.
+
+        Args:
+            deviations: standard deviations of each coordinate (m) and each angle (rad).
+        """
         position, attitude = deviations
         return PoseAiding(PositionAiding(position, position, position), AttitudeAiding(attitude))
 
@@ -92,7 +96,7 @@ class MotionCaptureSettings(AidingSensor, Model):
 
         Args:
             fleet: cameras in `Batch.fleet_scenario`, in which random fields are arrays.
-            reports_losses: True for an output port with the validity of the frames.
+            reports_losses: True to add an output port with the validity of the frames.
         """
 
         def any_of(*names: str) -> bool:

@@ -49,7 +49,7 @@ class NominalThrottleMotors(ThrottleMotors):
 
     @field_validator("curve")
     @classmethod
-    def _rises(cls, curve: tuple[float, float, float]) -> tuple[float, float, float]:
+    def _thrust_increases(cls, curve: tuple[float, float, float]) -> tuple[float, float, float]:
         k_0, k_1, k_2 = curve
         if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= MIN_MAGNITUDE:
             raise validation_error(

@@ -40,7 +40,7 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):
-            # A mapping with a kind is written with all its fields, since defaults depend on the kind.
+            # A mapping with a kind is copied with all its fields, since their defaults depend on the kind.
             node.setdefault(key, {} if isinstance(whole, dict) and "kind" not in whole else whole)
         node = node[key]
     node[keys[-1]] = value

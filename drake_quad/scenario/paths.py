@@ -155,7 +155,7 @@ def with_values(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:
-    """Raise InputError, with a message about the first path, if any paths of fields with distributions are given."""
+    """Raise InputError about the first of the given paths of fields with distributions; do nothing if there is none."""
     for path in paths:
         raise InputError(
             f"{path} is a distribution, but one flight needs a number; give a number, or select a sample with"

@@ -41,7 +41,7 @@ class Plausible:
             period: tick period of the mapping that contains the field, s. Delays are counted in these ticks.
         """
         numbers = [*numbers_in(value)]
-        # The lower limit is not applied to distributions, since a standard deviation may be small.
+        # The lower limit does not apply to distributions, since their standard deviation may be small.
         small = [number for number in numbers if isinstance(value, float) and abs(number) < self.lower]
         wrong = [*small, *(number for number in numbers if abs(number) > self.upper)]
         return self._clause(wrong[0]) if wrong else ""
@@ -69,7 +69,7 @@ class PlausibleDelay:
             return ""
         return (
             f"is {ticks:g}, a delay of {ticks * period:g} s, which is implausible; it is counted in periods of"
-            f" {period:g} s, of which {ticks:g} ms are {1e-3 * ticks / period:.2g}"
+            f" {period:g} s, so {ticks:g} ms would be {1e-3 * ticks / period:.2g}"
         )
 
 
@@ -120,21 +120,21 @@ def not_in_g(*, lower: float = 0.0, upper: float = math.inf, prefix: str = "") -
 
 
 PLAUSIBLE_DELAY = PlausibleDelay(upper=0.3)
-"""Range of delays. Mobile networks have 0.1 s, and few vehicles are stable with 0.2 s."""
+"""Range of delays. Mobile networks have delays of 0.1 s, and few vehicles are stable with 0.2 s."""
 PLAUSIBLE_RELATIVE_ERROR = not_in_percent(upper=1.0)
-"""Range of relative errors. With an error of more than 100 %, a quantity is no longer the same."""
+"""Range of relative errors, up to 100 %."""
 PLAUSIBLE_LAG = not_in_milliseconds(upper=2.0)
-"""Range of the lags of rotors, thrust and attitude. The rotors of 20 kg vehicles have about 0.3 s."""
+"""Range of the lags of rotors, thrust and attitude. The rotors of 20 kg vehicles have lags of about 0.3 s."""
 PLAUSIBLE_POSITION_NOISE = not_in_millimetres(upper=0.3)
-"""Range of the noise of a position. Motion capture has 1 mm, and satellite navigation with corrections 20 mm."""
+"""Range of position noise. Motion capture has a noise of 1 mm, and corrected satellite navigation one of 20 mm."""
 PLAUSIBLE_ATTITUDE_NOISE = not_in_degrees(upper=0.2)
-"""Noise of an attitude, up to 0.2 rad. Even attitudes from magnetometers have only a few degrees, 0.1 rad."""
+"""Range of attitude noise. Even attitudes from magnetometers are accurate to a few degrees, about 0.1 rad."""
 PLAUSIBLE_SIZE = not_in_millimetres(upper=3.0)
 """Range of distances within a vehicle. The arms of 20 kg quadrotors are shorter than 1 m."""
 PLAUSIBLE_LOAD = not_in_grams(upper=30.0)
 """Range of the mass of a load. A vehicle of 20 kg carries about its own mass."""
 PLAUSIBLE_MAX_RATES = not_in_degrees_per_second(upper=60.0)
-"""Limits of body rates, up to 60 rad/s. Firmware of racing quadrotors allows at most 2,000 °/s, 35 rad/s."""
+"""Range of limits on body rates. The firmware of racing quadrotors allows at most 2,000 °/s, or 35 rad/s."""
 
 
 def numbers_in(value: Any) -> Iterator[float]:

@@ -6,10 +6,10 @@ from typing import Any
 
 from drake_quad.scenario.layouts import arm_length_range, rotors_of
 
-# Largest plausible ratio of total thrust to weight. Racing quadrotors have about 15.
+# Largest plausible ratio of total thrust to weight. Racing quadrotors have a ratio of about 15.
 _MAX_THRUST_RATIO = 30.0
 # Range of plausible ratios between a radius of gyration and the arm length. The ratio about the vertical axis is 1 if
-# the whole mass is at the ends of the arms. The shipped vehicles have 0.3 to 0.8.
+# the whole mass is at the ends of the arms. It is 0.3 to 0.8 for the shipped vehicles.
 _GYRATION_RATIOS = (0.1, 3.0)
 _TYPICAL_GYRATION_RATIO = 0.5
 # Range of plausible ratios between drag factor and thrust factor, m. The ratio is 8 to 17 % of the propeller diameter
@@ -17,7 +17,7 @@ _TYPICAL_GYRATION_RATIO = 0.5
 _DRAG_RATIOS = (3e-4, 0.3)
 # Largest plausible ratio between a rotor's moment of inertia and that of the vehicle about the vertical axis.
 _MAX_ROTOR_INERTIA_RATIO = 0.5
-_RPM = math.tau / 60.0  # one revolution per minute, rad/s
+_RAD_PER_SECOND_PER_RPM = math.tau / 60.0
 # Other units in which a moment of inertia may have been given by mistake, with their conversion factors to kg m².
 _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 
@@ -31,13 +31,15 @@ def implausible_proportions(nominal: Any) -> Iterator[tuple[str, str]]:
             yield f"inertia.{axis}", clause
             break
     if nominal.rotor_inertia > _MAX_ROTOR_INERTIA_RATIO * nominal.inertia[2]:
-        yield "rotor_inertia", f"is {nominal.rotor_inertia:g} kg m², which is implausible beside inertia.2"
+        yield "rotor_inertia", f"is {nominal.rotor_inertia:g} kg m², which is implausible compared with inertia.2"
     thrust, field, unit = _max_thrust(nominal)
     ratio = thrust / (nominal.mass * nominal.gravity)
     if ratio > _MAX_THRUST_RATIO:
-        clause = f"lets the rotors carry {ratio:.3g} times the weight, which is implausible; check its unit ({unit})"
-        if field == "max_rotor_speed" and 1.0 < ratio * _RPM**2 < _MAX_THRUST_RATIO:
-            clause += f": {nominal.max_rotor_speed:g} rpm are {nominal.max_rotor_speed * _RPM:.4g} rad/s"
+        clause = f"results in a thrust of {ratio:.3g} times the weight, which is implausible; check its unit ({unit})"
+        if field == "max_rotor_speed" and 1.0 < ratio * _RAD_PER_SECOND_PER_RPM**2 < _MAX_THRUST_RATIO:
+            clause += (
+                f": {nominal.max_rotor_speed:g} rpm are {nominal.max_rotor_speed * _RAD_PER_SECOND_PER_RPM:.4g} rad/s"
+            )
         yield field, clause
     low, high = _DRAG_RATIOS
     for rotor in dict.fromkeys(rotors_of(nominal)):

@@ -58,19 +58,19 @@ class Rule:
         lower: smallest valid number; None if there is no lower bound.
         upper: largest valid number; None if there is no upper bound.
         is_whole: whether numbers must be whole.
-        is_of_numbers: whether the rule applies to the numbers as written (such as distribution parameters), before
-            pydantic converts them, instead of to all values of a distribution.
+        applies_to_written_numbers: whether the rule applies to the numbers as written (such as distribution
+            parameters), before pydantic converts them, instead of to all values of a distribution.
     """
 
     check: Callable[[Any], Any]
     lower: float | None
     upper: float | None
     is_whole: bool = False
-    is_of_numbers: bool = False
+    applies_to_written_numbers: bool = False
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return a pydantic schema that applies the rule."""
-        validator = BeforeValidator(self.check) if self.is_of_numbers else AfterValidator(self.check)
+        validator = BeforeValidator(self.check) if self.applies_to_written_numbers else AfterValidator(self.check)
         return validator.__get_pydantic_core_schema__(source, handler)
 
 
@@ -89,7 +89,7 @@ def bounds(
         ge: inclusive lower bound.
         lt: exclusive upper bound.
         le: inclusive upper bound.
-        is_fraction: True if the message shall suggest that a number above the upper bound was given in percent.
+        is_fraction: True to mention in the message that a number from 1 to 100 may have been given in percent.
     """
     rules = (
         ("larger than", gt, 0, operator.gt),
@@ -127,7 +127,7 @@ def radians(max_angle: float) -> Rule:
             raise validation_error(radians_demand(large, max_angle))
         return value
 
-    return Rule(check, -max_angle, max_angle, is_of_numbers=True)
+    return Rule(check, -max_angle, max_angle, applies_to_written_numbers=True)
 
 
 def radians_demand(degrees: float, max_angle: float) -> str:
@@ -161,7 +161,7 @@ def can_differ_from_zero(value: NumberOrDistribution) -> bool:
 
 
 def any_nonzero(settings: Any, drawn: Any) -> bool:
-    """Return whether a quantity or an item of it can differ from zero; a mapping counts as different from zero.
+    """Return whether a quantity, or any item of a tuple, can differ from zero. A mapping counts as nonzero.
 
     Args:
         settings: quantity, tuple of quantities or mapping in a scenario; None if it is not given.
@@ -189,7 +189,7 @@ def excludes_zero(value: NumberOrDistribution) -> bool:
     return (lowest is not None and lowest >= MIN_MAGNITUDE) or (highest is not None and highest <= -MIN_MAGNITUDE)
 
 
-def _no_shorter_step(step: float) -> float:
+def _zero_or_min_duration(step: float) -> float:
     if 0.0 < step < MIN_DURATION:
         raise validation_error(f"must be 0, or at least {MIN_DURATION}")
     return step
@@ -201,14 +201,14 @@ NonNegative = Annotated[NumberOrDistribution, bounds(ge=0.0)]
 Probability = Annotated[NumberOrDistribution, bounds(ge=0.0, le=1.0, is_fraction=True)]
 # Relative error of a quantity. It must be above -1, so that the quantity keeps its sign.
 RelativeError = Annotated[NumberOrDistribution, bounds(gt=-1.0)]
-# Delay in whole periods. By default, fifty periods of the command link are one second.
+# Delay in whole periods. With the default period of the command link, the upper bound is one second.
 Ticks = Annotated[NumberOrDistribution, integer_bounds(ge=0, le=50), PLAUSIBLE_DELAY]
 # Times and durations in a flight, s.
 Moment = Annotated[NumberOrDistribution, bounds(ge=0.0, le=MAX_DURATION)]
 Span = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_DURATION, le=MAX_DURATION)]
 # Largest magnitude of an angle that gives a direction, rad. A larger number was probably given in degrees.
 TWO_TURNS = 4.0 * math.pi
-# Largest tilt and largest standard deviation of an angle, rad. A body that tilts further is inverted.
+# Upper bound for a tilt and for the standard deviation of an angle, rad. A body that tilts further is upside down.
 _RIGHT_ANGLE = 0.5 * math.pi
 Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
 _Misalignment = Annotated[NumberOrDistribution, radians(math.pi)]
@@ -220,7 +220,7 @@ Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=Fal
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
-# Types of the quantities above that do not allow distributions.
+# The same quantities, without distributions.
 FixedPositive = Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)]
 FixedNonNegative = Annotated[float, Field(ge=0.0, le=MAX_MAGNITUDE)]
 FixedMoment = Annotated[float, Field(ge=0.0, le=MAX_DURATION)]
@@ -233,9 +233,9 @@ FixedDirections = Annotated[tuple[FixedDirection, FixedDirection, FixedDirection
 FixedAngleNoise = Annotated[FixedPositive, radians(_RIGHT_ANGLE)]
 FixedTilt = Annotated[float, Field(gt=0.0, lt=_RIGHT_ANGLE), radians(_RIGHT_ANGLE)]
 HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
-# Period of cameras, control or integration, s. No vehicle can be flown with fewer than one tick per second.
+# Period of cameras, control or integration, s. No vehicle can be flown with less than one tick per second.
 Period = Annotated[float, Field(ge=MIN_DURATION, le=1.0)]
-Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
+Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_zero_or_min_duration)]
 
 IntegrationRule = Annotated[
     Integration,

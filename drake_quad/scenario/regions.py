@@ -11,8 +11,8 @@ from drake_quad.reference.regions import Box, Corridor, Polytope
 from drake_quad.scenario.distributions import Model, omits_defaults, validation_error
 from drake_quad.scenario.quantities import FixedPositive, Point
 
-_MAX_FACES = 100  # largest number of half-spaces of a corridor
-_MIN_NORMAL = 1e-9  # smallest length of a normal; the direction of a shorter one is undefined
+_MAX_HALF_SPACES = 100  # of one corridor
+_MIN_NORMAL_LENGTH = 1e-9  # the direction of a shorter normal is numerically undefined
 
 
 def _check_corners(region: Model, lowest: Sequence[float], highest: Sequence[float]) -> None:
@@ -38,14 +38,14 @@ class BoxRegion(Model):
 
 
 class HalfSpace(Model):
-    """All points behind a plane."""
+    """All points on the side of a plane that is opposite to its normal."""
 
     normal: Point = Field(description="normal of the plane in W, of any length (1), which points out of the half-space")
     point: Point = Field(description="any point on the plane, in W (m)")
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> "HalfSpace":
-        if not np.linalg.norm(self.normal) > _MIN_NORMAL:
+        if not np.linalg.norm(self.normal) > _MIN_NORMAL_LENGTH:
             raise self.field_error("must not be zero", "normal")
         return self
 
@@ -55,9 +55,9 @@ class CorridorRegion(Model):
 
     min: Point | None = Field(default=None, description="lowest corner, in W (m)")
     max: Point | None = Field(default=None, description="highest corner, in W (m)")
-    half_spaces: Annotated[tuple[HalfSpace, ...], Field(strict=False, min_length=1, max_length=_MAX_FACES)] | None = (
-        Field(default=None, description="half-spaces whose intersection is the corridor")
-    )
+    half_spaces: (
+        Annotated[tuple[HalfSpace, ...], Field(strict=False, min_length=1, max_length=_MAX_HALF_SPACES)] | None
+    ) = Field(default=None, description="half-spaces whose intersection is the corridor")
 
     _serialized = omits_defaults("min", "max", "half_spaces")
 

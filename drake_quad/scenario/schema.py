@@ -50,7 +50,7 @@ def file_schema() -> dict[str, Any]:
         "anyOf": [names, {"type": "array", "items": names}],
     }
     scenario["properties"][DEFAULT_VEHICLE] = {
-        "description": "vehicle that flies if no scenario in the chain of extensions describes a vehicle",
+        "description": "vehicle that is used if no scenario in the chain of extensions describes a vehicle",
         **names,
     }
     _allow_relative(definitions)
@@ -159,11 +159,13 @@ def _section(name: str, model: dict[str, Any]) -> str:
     lines = [f"## {name}", "", model.get("description", "").partition("\n\n")[0].replace("\n", " "), ""]
     fields = model.get("properties", {})
     lines += (
-        ["| field | type | default | meaning |", "| --- | --- | --- | --- |"] if fields else ["It has no fields: `{}`."]
+        ["| field | type | default | meaning |", "| --- | --- | --- | --- |"]
+        if fields
+        else ["This mapping has no fields; write `{}`."]
     )
     for field, node in fields.items():
         default = "required" if field in required else _default(node.get("default"))
-        lines.append(f"| `{field}` | {_takes(node)} | {default} | {node.get('description', '')} |")
+        lines.append(f"| `{field}` | {_type_text(node)} | {default} | {node.get('description', '')} |")
     return "\n".join(lines)
 
 
@@ -175,8 +177,8 @@ def _default(value: Any) -> str:
     return f"`{value}`"
 
 
-def _takes(node: dict[str, Any]) -> str:
-    """Return a description of the values that a field accepts."""
+def _type_text(node: dict[str, Any]) -> str:
+    """Return a Markdown text that describes the values that a field accepts."""
     if "$ref" in node:
         name = node["$ref"].removeprefix(_REFERENCE_PREFIX)
         return f"[{name}](#{name.lower()})"
@@ -185,18 +187,18 @@ def _takes(node: dict[str, Any]) -> str:
         names = [form["$ref"].removeprefix(_REFERENCE_PREFIX) for form in forms if "$ref" in form]
         if set(names) == set(_DISTRIBUTION_MODELS):
             return "number or [distribution](#uniform)"
-        return " or ".join(_takes(form) for form in forms if form.get("type") != "null")
+        return " or ".join(_type_text(form) for form in forms if form.get("type") != "null")
     if "enum" in node:
         return " or ".join(f"`{value}`" for value in node["enum"])
     if "const" in node:
         return f"`{node['const']}`"
     if node.get("type") == "array":
         if "prefixItems" in node:
-            items = [_takes(item) for item in node["prefixItems"]]
+            items = [_type_text(item) for item in node["prefixItems"]]
             return f"{len(items)} × {items[0]}" if len(set(items)) == 1 else f"[{', '.join(items)}]"
-        return f"list of {_takes(node.get('items', {}))}"
+        return f"list of {_type_text(node.get('items', {}))}"
     if isinstance(node.get("additionalProperties"), dict):
-        return f"names, each with a {_takes(node['additionalProperties'])}"
+        return f"names, each with a {_type_text(node['additionalProperties'])}"
     return f"{node.get('type', 'anything')}{_bounds(node)}"
 
 
@@ -204,7 +206,7 @@ _COMPARISON_SIGNS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximu
 
 
 def _bounds(node: dict[str, Any]) -> str:
-    # The general limit on the magnitude of numbers is given only in the introduction of the page.
+    # The limit on the magnitude of all numbers is given only in the introduction of the page.
     bounds = [
         (sign, node[key])
         for key, sign in _COMPARISON_SIGNS.items()

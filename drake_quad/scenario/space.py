@@ -80,7 +80,7 @@ class HullObstacle(Model):
 
     @field_validator("points")
     @classmethod
-    def _few_corners(cls, points: tuple[Point, ...]) -> tuple[Point, ...]:
+    def _simplified(cls, points: tuple[Point, ...]) -> tuple[Point, ...]:
         try:
             hull = simplified_hull(points, MAX_CORNERS)
         except InputError as error:
@@ -126,14 +126,14 @@ class SpaceSettings(Model):
     )
     tracking_error_factor: Annotated[FixedNonNegative | None, needs("obstacles")] = Field(
         default=None,
-        description="multiple (1) of the predicted RMS position error that a plan keeps from obstacles in addition to"
-        " the margin; the prediction is for a hover of the nominal vehicle with the scenario's control, steady wind,"
-        " turbulence, noise and losses",
+        description="multiple (1) of the predicted RMS position error by which a plan increases its distance"
+        " from obstacles, in addition to the margin; the prediction is for a hover of the nominal vehicle with the"
+        " scenario's control, steady wind, turbulence, noise and losses",
     )
 
     @field_validator("obstacles", mode="before")
     @classmethod
-    def _named(cls, obstacles: Any) -> Any:
+    def _names_are_allowed(cls, obstacles: Any) -> Any:
         if not isinstance(obstacles, dict):
             raise validation_error("must be a mapping of names to solids")
         if len(obstacles) > MAX_OBSTACLES:

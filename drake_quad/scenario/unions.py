@@ -74,8 +74,8 @@ class _Members(ABC):
         del self.members[name]
         self._rebuild()
 
-    def rebuild(self, *models: type[Model]) -> None:
-        """Set the models to rebuild after each registration: those that contain the members, innermost first."""
+    def add_dependent_models(self, *models: type[Model]) -> None:
+        """Add models to rebuild after each registration, since they contain the members; the innermost comes first."""
         self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
 
     def _rebuild(self) -> None:
@@ -144,7 +144,7 @@ class OpenFields(_Members):
                     default=None,
                     description=member.description,
                 )
-                # Instances that are older than the registration lack the field.
+                # Instances that were created before the registration lack the field.
                 setattr(model, name, None)
             model.model_rebuild(force=True)
 

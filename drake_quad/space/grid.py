@@ -76,9 +76,9 @@ class Grid:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the weighted lengths of the shortest routes from several starting points to all grid points.
 
-        A step counts twice its length if it is as close to an obstacle as the clearance, and less at larger distances.
-        This keeps routes away from obstacles: convex regions are bounded by planes, so a route that closely follows an
-        obstacle would require many regions.
+        The length of a step is multiplied by 2 if the step is only the clearance away from an obstacle, and by a factor
+        between 1 and 2 at larger distances. This keeps routes away from obstacles. Since convex regions are bounded by
+        planes, a route that closely follows an obstacle would require many regions.
 
         Args:
             starts: (k, 3) starting points, m.
@@ -139,7 +139,7 @@ class Grid:
 
     @cached_property
     def _known_connections(self) -> dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Cached results of `_connections`, by clearance."""
+        """Cached results of `_connections`, keyed by clearance."""
         return {}
 
     def neighbours(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -172,11 +172,15 @@ class Grid:
         return np.array([*corners, starts[first]][::-1])
 
     def nearest_end(self, lengths: np.ndarray, ends: np.ndarray) -> tuple[float, int, int]:
-        """Return the length of the shortest route to any of several end points (k, 3), m.
+        """Return the length of the shortest route that leads to one of several end points, and where it ends.
+
+        Args:
+            lengths: (n,) lengths from the starting points, a result of `route_lengths`.
+            ends: (k, 3) end points, m.
 
         Returns:
-            The length, the index of the last grid point, and the index of the end point. If there is no route, the
-            length is infinite and the indices are negative.
+            The length in m, the index of the route's last grid point, and the index of its end point. If there is no
+            route, the length is infinite and the indices are negative.
         """
         distances_to_ends, nearest = self._nearest_of(ends)
         near = np.flatnonzero(np.isfinite(lengths) & np.isfinite(distances_to_ends))

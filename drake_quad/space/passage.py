@@ -27,8 +27,8 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Largest number of candidate regions for a leg, unless the leg's chain of regions is longer. With eight candidates, the
-# search takes half a second.
+# Largest number of candidate regions for a leg. All regions of the leg's chain are candidates, even if they exceed this
+# number. With eight candidates, the search takes half a second.
 _MAX_CANDIDATES = 8
 # Cost of a transition to another region, m. It favours paths with fewer segments, which have fewer turns.
 _TRANSITION_COST = 0.1
@@ -62,7 +62,8 @@ def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
     for _ in range(_MAX_CHAIN_LENGTH):
         inside = regions.containing(np.array(points))
         steps = inside[:, :-1] & inside[:, 1:]
-        # For each region, the number of successive route steps from the current point on that lie in the region.
+        # For each region, this is the number of successive steps of the route, counted from the current point, that lie
+        # in the region.
         follows = np.cumprod(steps, axis=1).sum(axis=1)
         best = next(
             (
@@ -168,7 +169,7 @@ def other_passages(
     count: int,
     seed: int = 0,
 ) -> list[Passage]:
-    """Return alternative passages, each the shortest after lengths between region centres are randomly scaled.
+    """Return alternative passages, each of which is the shortest one for randomly scaled lengths between regions.
 
     The shortest polyline does not always lead to the fastest path, so alternatives are also tried.
 
@@ -208,8 +209,8 @@ def _distance_matrix(
 ) -> np.ndarray:
     """Return a matrix of transition lengths between regions, m; zero means that there is no transition.
 
-    A transition leads from centre to centre through the centre of the intersection, and includes the transition cost.
-    The last two rows and columns are the start and the end of the leg.
+    The length of a transition is measured from centre to centre through the centre of the intersection, and includes
+    the transition cost. The last two rows and columns are the start and the end of the leg.
     """
     count = len(regions)
     lengths = np.zeros((count + 2, count + 2))

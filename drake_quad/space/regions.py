@@ -1,9 +1,9 @@
 """Approximation of the free space by convex regions, which Drake's IRIS grows around seeds.
 
 A point is free if its distance from every obstacle is at least the clearance. IRIS grows a region between the original
-obstacles, and the faces of the region are then moved inwards by the clearance. Around any point of the reduced region,
-a ball with the clearance as its radius lies in the original region and touches no obstacle. The seed is in the reduced
-region, since IRIS starts with such a ball around it.
+obstacles, and the faces of the region are then moved inwards by the clearance. All points of the reduced region are
+free, since a ball around such a point, with the clearance as its radius, lies in the original region and touches no
+obstacle. The seed is in the reduced region, since IRIS starts with such a ball around the seed.
 
 R. Deits and R. Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming",
 Workshop on the Algorithmic Foundations of Robotics, 2014.

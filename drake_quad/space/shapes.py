@@ -266,7 +266,7 @@ class Hull:
         return maximum(0.0, min_squared)
 
     def distance_lower_bound(self, x: Row, y: Row, z: Row) -> Row:
-        """Return a lower bound of the distance: the distance from a ball that encloses the hull to a point in W, m."""
+        """Return a lower bound of the distance to a point in W: its distance from a ball that encloses the hull, m."""
         c_x, c_y, c_z = self.centre
         return _norm((x - c_x, y - c_y, z - c_z)) - self._bounding_radius
 

@@ -26,11 +26,11 @@ from drake_quad.space.shapes import convex_hull
 # Largest allowed growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by
 # 2.5 %. The hull of a drone's mesh, which has flat sides, grows by less than 1 %.
 MAX_GROWTH = 0.05
-# Largest number of candidate corners. If a hull has more corners, only the extreme ones along this number of directions
-# are candidates.
+# Largest number of candidate corners. If a hull has more corners, the candidates are the extreme corners along this
+# number of directions.
 _MAX_CANDIDATES = 500
-# Smallest enlargement of the result, relative to its smallest width. It ensures that the result contains all corners
-# despite rounding.
+# Smallest margin by which the result is enlarged, relative to its smallest width. It ensures that the result contains
+# all corners despite rounding.
 _MIN_ROUNDING_MARGIN = 1e-9
 # Largest rounding error of the distance between a point and a face, relative to the largest coordinate. It is the sum
 # of the errors from three products, from the additions, and from the corners themselves.

@@ -11,8 +11,8 @@ import scipy
 
 from drake_quad.statistics.interval import CONFIDENCE, Interval
 
-# Smallest relative residual of a regression of ranks. Below this value, the ranks are a linear combination of the other
-# ranks.
+# Smallest residual, relative to the ranks, of a regression of the ranks of a variable on the ranks of the covariates. A
+# smaller residual is a rounding error: the ranks are a linear combination of those of the covariates.
 _MIN_RESIDUAL = 1e-9
 _MAX_EXPONENT = 600.0  # largest exponent; exponentials of larger numbers could overflow
 

@@ -18,7 +18,8 @@ INFINITIES = ("-∞", "∞")
 
 _WIDTH_DIGITS = 2  # significant digits of half an interval's width
 _DIGITS_WITHOUT_INTERVAL = 3  # significant digits of an estimate without an interval
-# Largest number of additional digits if an end of the interval would otherwise be rounded to a level, such as zero.
+# Largest number of additional digits that are printed so that an end of the interval is not rounded to a level such as
+# zero; see `levels` in `Interval.text`.
 _MAX_LEVEL_DIGITS = 3
 _EXACT_DIGITS = 12  # number of significant digits that rounding errors do not affect
 _ROUNDING_TOLERANCE = 1e-9  # largest rounding error, relative to the largest number of the interval
@@ -92,11 +93,11 @@ class Interval(NamedTuple):
         return Interval(self.value, math.nan, math.nan)
 
     def percent(self) -> str:
-        """Return a fraction as text in per cent; see `text`, whose argument `levels` is 0 and 100 %."""
+        """Return a fraction as text in per cent; see `text`, with 0 and 100 % as `levels`."""
         return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
 
     def ratio(self) -> str:
-        """Return a ratio as text; see `text`, whose argument `levels` is 0 and 1."""
+        """Return a ratio as text; see `text`, with 0 and 1 as `levels`."""
         return self.text(levels=(0.0, 1.0))
 
     def metres(self) -> str:

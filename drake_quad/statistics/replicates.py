@@ -89,7 +89,7 @@ class Replicates:
         return ratio_of_means(self._sums(values), self._sums(baseline), confidence)
 
     def running_mean(self, values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, ...]:
-        """Return numbers n (k,), the mean (k,) of the first n values, and the lower and upper end (k,) of its interval.
+        """Return the mean of the first n values for several n: n, mean, lower end and upper end, four arrays (k,).
 
         If the samples are independent, the numbers are 1, 2, 3, ... up to the number of values.
         """
@@ -102,10 +102,10 @@ class Replicates:
     def effective_number(self, occurs: np.ndarray, confidence: float = CONFIDENCE) -> float:
         """Return the number of independent samples from which a probability is estimated with the same accuracy.
 
-        The spread of the replicates determines this number, and Student's factor is included (E. L. Korn and B. I.
-        Graubard, "Confidence intervals for proportions with small expected number of positive counts estimated from
-        survey data", Survey Methodology, 1998). The result is at most the number of samples, since the spread of few
-        replicates or few events can be small by chance.
+        The number follows from the spread of the replicates, and from Student's factor for the number of replicates (E.
+        L. Korn and B. I. Graubard, "Confidence intervals for proportions with small expected number of positive counts
+        estimated from survey data", Survey Methodology, 1998). The result is at most the number of samples, since the
+        spread of few replicates or few events can be small by chance.
 
         Args:
             occurs: (n,) True for the samples in which the event occurs.

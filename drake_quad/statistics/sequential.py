@@ -12,11 +12,11 @@ import scipy
 
 from drake_quad.statistics.interval import CONFIDENCE, Interval
 
-# Parameters of the beta distribution over which the likelihood ratio is averaged. Any choice is valid; these are
-# Jeffreys' prior, which gives short intervals for small and for large probabilities.
+# Parameters of the beta distribution over which `probability_sequence` averages the likelihood ratio. Any choice is
+# valid. Jeffreys' prior gives short intervals for small and for large probabilities.
 _BETA_PRIOR = 0.5, 0.5
-# Number of samples at which the ratio of the width of `mean_sequence` to the width of an ordinary confidence interval
-# is smallest. The sequence is valid for any choice of this number before the study.
+# Number of samples at which the intervals of `mean_sequence` are shortest, compared with ordinary confidence intervals.
+# The sequence is valid for any number that is chosen before the study.
 _TUNED_NUM_SAMPLES = 1000
 _MIN_PROBABILITY = 1e-15  # the likelihood ratio is not finite at 0 and 1
 
@@ -63,8 +63,8 @@ def mean_sequence(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
     if n < 2:
         return Interval(float(values[0]) if n else math.nan, math.nan, math.nan)
     error = 1.0 - confidence
-    tuning = (-2.0 * math.log(error) + math.log(1.0 - 2.0 * math.log(error))) / _TUNED_NUM_SAMPLES
-    spread = n * tuning + 1.0
-    factor = math.sqrt(2.0 * spread / (n * n * tuning) * math.log(math.sqrt(spread) / error))
+    rho_squared = (-2.0 * math.log(error) + math.log(1.0 - 2.0 * math.log(error))) / _TUNED_NUM_SAMPLES
+    spread = n * rho_squared + 1.0
+    factor = math.sqrt(2.0 * spread / (n * n * rho_squared) * math.log(math.sqrt(spread) / error))
     mean, half_width = float(np.mean(values)), factor * float(np.std(values, ddof=1))
     return Interval(mean, mean - half_width, mean + half_width)

@@ -27,17 +27,17 @@ MIN_SIZE = 500
 
 If a step has 200 samples, estimates of 1e-6 are 37 % too large, and their intervals are too short.
 """
-MAX_NOISE = 2**31
+NOISE_SEED_BOUND = 2**31
 """Upper bound (exclusive) on the integers that determine noise."""
 
 _MAX_LEVELS = 15  # each level divides the probability by about ten, so estimates reach about 1e-15
 _INITIAL_STEP = 0.6  # initial step of the proposals, whose correlation with the present samples is √(1 - step²)
 _TARGET_ACCEPTANCE = 0.44  # acceptance rate at which the chains mix fastest, from Papaioannou et al.
-# Largest number of samples that reach a threshold, relative to the intended number, for which the excess is explained
-# by repeated samples. A rejected proposal repeats a sample, so several samples can have exactly the performance of the
-# threshold. If more samples reach it, different points have the same performance.
+# A rejected proposal repeats a sample, so several samples can have exactly the performance of the threshold. More
+# samples than intended then reach the threshold. Up to this multiple of the intended number, the excess counts as
+# repetition. Beyond it, different points have the same performance.
 _MAX_REPETITION = 1.5
-_MAX_FRACTION = 0.5  # largest fraction of the samples that may satisfy the condition of the next step
+_MAX_FRACTION = 0.5  # if more than this fraction of the samples reach the threshold, it is raised
 _MIN_SEEDS = 10  # smallest number of different samples from which chains start
 
 Performance = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -54,8 +54,8 @@ class SubsetRun(NamedTuple):
         probability: estimated probability of the event; 0 if the event was not reached.
         levels: threshold on the performance after each step; the last threshold is 0 if the event was reached.
         fractions: fraction of the samples of each step that reach its threshold.
-        equal_fraction: fraction of the samples of the last step that have the same performance, if the run ended
-            because too few samples are closer to the event; otherwise 0.
+        equal_fraction: fraction of the samples of the last step that have the performance of the threshold, if the run
+            ended without the event because too few samples exceed this performance; otherwise 0.
         points: (m, d) points of the last samples at which the event occurs.
         noise: (m, b) integers that determine the noise of these samples.
         performance: (m,) values of the performance at these samples.
@@ -130,7 +130,7 @@ def run_together(performance: Performance, runs: Sequence[SubsetSteps]) -> list[
 def subset_steps(
     num_coordinates: int, num_noise: int, generator: np.random.Generator, *, size: int = 1000, fraction: float = 0.1
 ) -> SubsetSteps:
-    """Run subset simulation as a generator that yields samples and is sent their values of the performance.
+    """Run subset simulation as a generator that yields samples, and receives their performance by `send`.
 
     A proposal changes all coordinates a little, and draws some of the integers again. Both moves preserve the
     distribution of the samples. If most samples of a step have the same performance, only the samples that are closer
@@ -149,7 +149,7 @@ def subset_steps(
     """
     num_chains = round(fraction * size)
     points = generator.standard_normal((size, num_coordinates))
-    noise = generator.integers(MAX_NOISE, size=(size, num_noise))
+    noise = generator.integers(NOISE_SEED_BOUND, size=(size, num_noise))
     values = yield points, noise
     levels, fractions, history, num_evaluations, step = [], [], [], size, _INITIAL_STEP
     equal_fraction = 0.0
@@ -208,7 +208,7 @@ def _proposal(
     moved = correlation * points + step * generator.standard_normal(points.shape)
     # Each integer of the noise is kept with a probability equal to the correlation, and drawn again otherwise.
     is_drawn = generator.random(noise.shape) < 1.0 - correlation
-    return moved, np.where(is_drawn, generator.integers(MAX_NOISE, size=noise.shape), noise)
+    return moved, np.where(is_drawn, generator.integers(NOISE_SEED_BOUND, size=noise.shape), noise)
 
 
 def probability_of_runs(probabilities: Sequence[float], confidence: float = CONFIDENCE) -> Interval:

@@ -184,5 +184,5 @@ def _silent(*packages: str) -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-# Tornado runs the event loop of the client and would log the tasks that Ctrl-C interrupts.
+# Tornado, which runs the event loop of the client, would log an error for each task that Ctrl-C interrupts.
 _silently = ProcessSetting(lambda: _silent("distributed", "tornado"))

@@ -22,7 +22,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import coordinates
 from drake_quad.scenario.models import NoiseSamples, Scenario
-from drake_quad.statistics.subset_simulation import MAX_NOISE
+from drake_quad.statistics.subset_simulation import NOISE_SEED_BOUND
 from drake_quad.studies.flying import (
     BatchJob,
     build_before_fork,
@@ -123,8 +123,8 @@ class Evaluator:
                 f" {shape}"
             )
         numbers = np.broadcast_to(numbers[:, None] if numbers.ndim == 1 else numbers, shape)
-        if not np.all((numbers >= 0) & (numbers < MAX_NOISE)):
-            raise InputError(f"the noise seed must be at least 0 and below {MAX_NOISE}")
+        if not np.all((numbers >= 0) & (numbers < NOISE_SEED_BOUND)):
+            raise InputError(f"the noise seed must be at least 0 and below {NOISE_SEED_BOUND}")
         flights = np.column_stack([np.arange(len(points)), points, numbers])
         for rows in self._flown(flights):
             self.num_flights += len(rows)

@@ -20,15 +20,16 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
-from drake_quad.statistics.subset_simulation import MAX_NOISE
+from drake_quad.statistics.subset_simulation import NOISE_SEED_BOUND
 from drake_quad.studies.evaluator import Evaluator
 from drake_quad.studies.stored_flights import stored_flights
 from drake_quad.studies.worker_pool import WorkerPool
 
-_CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
-_MAX_VALUE = 0.5e9  # the search limits metrics, also infinite ones, to this magnitude
+# The search maximises the badness of a flight: the metric, or its negative if smaller values are worse.
+_CRASH_BADNESS = 1e9  # badness of a crash at the end of a flight, which exceeds the badness of any metric
+_MAX_METRIC = 0.5e9  # larger metrics, also infinite ones, are replaced with this magnitude
 # Largest magnitude of a mean of finite metrics. If one metric of 100 flights is infinite, their mean is about 5e6.
-_MAX_MEAN = 4e6
+_MAX_MEAN_METRIC = 4e6
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
 _INITIAL_STEP = 1.0  # initial step size of CMA-ES, standard deviations
@@ -48,8 +49,8 @@ class WorstCase:
         values: nominal value and worst value of each field with a distribution, by path.
         scenario: scenario of the worst case, with its wind and noise.
         nominal: scenario with the median of each distribution, and with the same wind and noise.
-        means: worst metric of each generation, as the mean over the samples of wind and noise; infinite if a flight
-            crashes, or if its metric is infinite.
+        means: for each generation, the mean metric of the worst candidate over the samples of wind and noise; infinite
+            if one of these flights crashes, or if its metric is infinite.
         num_flights: number of flights.
     """
 
@@ -115,8 +116,8 @@ def find_worst_case(
         raise InputError(f"sigma is {sigma:g}, but must be above 0 and at most 8")
     cma = import_extra("cma", "robustness")
     evaluator = Evaluator(scenario, num_vehicles=1000, user_systems=user_systems, compiled=compiled, pool=pool)
-    # The seed determines wind and noise, so that another seed gives another search.
-    noise = np.random.default_rng(scenario.seed).integers(MAX_NOISE, size=num_noise)
+    # The scenario's seed selects wind and noise, so that searches with different seeds are independent.
+    noise = np.random.default_rng(scenario.seed).integers(NOISE_SEED_BOUND, size=num_noise)
     sign = 1.0 if maximise else -1.0
     duration = flight_duration(scenario, evaluator.plan)
 
@@ -125,11 +126,11 @@ def find_worst_case(
         if np.isnan(values[~metrics.crashed]).any():
             raise InputError(f"{metric} is not defined in every flight")
         remaining = 1.0 - np.minimum(metrics.crash_time, duration) / duration
-        limited = np.clip(values, -_MAX_VALUE, _MAX_VALUE)
-        return np.where(metrics.crashed, _CRASH_VALUE * (1.0 + remaining), limited)
+        limited = np.clip(values, -_MAX_METRIC, _MAX_METRIC)
+        return np.where(metrics.crashed, _CRASH_BADNESS * (1.0 + remaining), limited)
 
     worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
-    best = math.inf  # smallest value of the search
+    smallest_badness = math.inf
     means: list[float] = []
     settings = {"search": "falsify", "metric": metric, "maximise": maximise, "sigma": sigma, "noise": num_noise}
 
@@ -164,17 +165,18 @@ def find_worst_case(
                 flown = flights(np.repeat(scipy.special.ndtr(points), num_noise, axis=0), np.tile(noise, population))
                 rows = flown.reshape(population, num_noise)
                 search.tell(candidates, [*-rows.mean(axis=1)])
-                best = min(best, float(rows.min()))
+                smallest_badness = min(smallest_badness, float(rows.min()))
                 row, column = np.unravel_index(int(rows.argmax()), rows.shape)
                 worst = max(
                     worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0]
                 )
-                means.append(sign * _metric(float(rows.mean(axis=1).max())))
+                means.append(sign * _metric_of_badness(float(rows.mean(axis=1).max())))
             population, restart = 2 * population, restart + 1
     value, point, number = worst
-    if value == best and value < _CRASH_VALUE:
+    if value == smallest_badness and value < _CRASH_BADNESS:
         raise InputError(
-            f"{metric} is {sign * _metric(value):.4g} in all {flights.num_flights:,} flights, so there is no worst case"
+            f"{metric} is {sign * _metric_of_badness(value):.4g} in all {flights.num_flights:,} flights, so there is"
+            " no worst case"
         )
     uniform = scipy.special.ndtr(point)
     nominal = median_scenario(scenario).model_copy(update={"sample": number})
@@ -183,8 +185,8 @@ def find_worst_case(
     return WorstCase(
         metric,
         maximise,
-        sign * _metric(value),
-        value >= _CRASH_VALUE,
+        sign * _metric_of_badness(value),
+        value >= _CRASH_BADNESS,
         evaluator.names,
         point,
         values,
@@ -195,6 +197,6 @@ def find_worst_case(
     )
 
 
-def _metric(badness: float) -> float:
-    """Return the metric that corresponds to a mean value of the search: infinite if one of the averaged metrics is."""
-    return badness if abs(badness) < _MAX_MEAN else math.copysign(math.inf, badness)
+def _metric_of_badness(badness: float) -> float:
+    """Return the metric for a mean badness; infinite for a crash, or if one of the averaged metrics is infinite."""
+    return badness if abs(badness) < _MAX_MEAN_METRIC else math.copysign(math.inf, badness)

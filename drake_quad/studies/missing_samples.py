@@ -1,4 +1,4 @@
-"""Indices of the missing samples of a study, without a list that could have millions of entries."""
+"""Indices of the missing samples of a study, which are computed on demand to save memory."""
 
 from collections.abc import Sequence
 from typing import Any

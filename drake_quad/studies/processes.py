@@ -110,7 +110,7 @@ class Workers(WorkerPool):
         while not outcomes:
             busy = [worker for worker in self._workers if worker.busy]
             timeout = min(worker.time_left for worker in busy)
-            waitables = [sign for worker in busy for sign in worker.waitables]
+            waitables = [waitable for worker in busy for waitable in worker.waitables]
             wait(waitables, None if timeout == math.inf else timeout)
             outcomes = [outcome for worker in busy if (outcome := worker.outcome()) is not None]
             self._workers = [worker for worker in self._workers if not worker.ended]

@@ -53,7 +53,7 @@ def _digest(files: Iterable[Path], folder: Path | None) -> str:
     return digest.hexdigest()[:16]
 
 
-# Messages about digests that differ.
+# Description of the difference between two digests, by the name of the digest.
 _DIGEST_MESSAGES = {
     "sources": "a different version of drake_quad's source files",
     "user_systems": "different source files of the user's systems",

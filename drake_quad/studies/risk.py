@@ -39,8 +39,9 @@ from drake_quad.studies.worker_pool import WorkerPool
 _CRASH = "crash"
 _SIGNS = {">": 1.0, "<": -1.0}
 _EVENT_PATTERN = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
-_STEP_PROBABILITY = 0.1  # fraction of the samples that satisfy the condition of the next step
-# Performance of a flight whose metric is equal to the bound: the largest floating-point number below zero.
+_STEP_PROBABILITY = 0.1  # conditional probability of each step of subset simulation
+# Performance of a flight whose metric is equal to the bound, which is not part of the event. It is the largest
+# floating-point number below zero.
 _PERFORMANCE_AT_BOUND = -5e-324
 DEFAULT_PERIOD = 1.0
 """Default length of the periods whose noise is drawn separately, s."""
@@ -191,8 +192,8 @@ def estimate_risk(
     Args:
         scenario: scenario, whose seed determines all random numbers.
         event: event, or text such as `peak_error > 0.8`.
-        half_width: half the width of the interval relative to the estimate; when it is this small, no further run
-            begins.
+        half_width: requested half-width of the interval, relative to the estimate. As soon as it is reached, no further
+            run begins.
         max_flights: number of flights after which no further run begins.
         size: number of samples in each step of a run, a multiple of 10 and at least 500.
         noise_period: length of the periods whose noise is drawn separately, s; a multiple of the control period.
@@ -215,7 +216,8 @@ def estimate_risk(
     check_integer(size, "size", minimum=MIN_SIZE)
     if size % round(1.0 / _STEP_PROBABILITY):
         raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _STEP_PROBABILITY)}")
-    # In most calls, each Markov chain of the runs that fly together proposes one flight.
+    # A fleet has a vehicle for each Markov chain of the runs that fly together, since each chain proposes one flight at
+    # a time.
     num_vehicles = MIN_RUNS * round(_STEP_PROBABILITY * size)
     evaluator = Evaluator(
         scenario,
@@ -301,7 +303,7 @@ def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
 
 
 def _probability(runs: Sequence[SubsetRun]) -> Interval:
-    """Return the probability of the event; runs with a single step are independent plain samples."""
+    """Return the probability of the event, with an exact interval if no run has more than one step."""
     if all(len(run.levels) == 1 for run in runs):
         count, total = (sum(sizes) for sizes in zip(*((len(run.performance), run.history.size) for run in runs)))
         return proportion_interval(count, total)

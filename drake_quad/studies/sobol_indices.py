@@ -18,7 +18,7 @@ from drake_quad.extras import import_extra
 from drake_quad.laboratory.metrics import Metrics, metric_definitions
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
-from drake_quad.statistics.subset_simulation import MAX_NOISE
+from drake_quad.statistics.subset_simulation import NOISE_SEED_BOUND
 from drake_quad.studies.evaluator import Evaluator
 from drake_quad.studies.stored_flights import stored_flights
 from drake_quad.studies.worker_pool import WorkerPool
@@ -65,7 +65,8 @@ def sobol_indices(
     Args:
         scenario: scenario with distributions, whose seed determines all random numbers.
         metric: name of a metric, or `CRASHED`.
-        num_points: number of points N, a power of two; (d + 3) N vehicles fly for d random numbers of the scenario.
+        num_points: number of points N, a power of two. For a scenario with d random numbers, (d + 3) N flights are
+            simulated.
         user_systems: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
         pool: workers that fly the points; by default, one fleet in this process; see `Evaluator`.
@@ -91,7 +92,7 @@ def sobol_indices(
     names = [*evaluator.names, NOISE]
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
     points = sample.sample(problem, num_points, calc_second_order=False, seed=scenario.seed)
-    noise = np.minimum(points[:, -1] * MAX_NOISE, MAX_NOISE - 1).astype(np.int64)
+    noise = np.minimum(points[:, -1] * NOISE_SEED_BOUND, NOISE_SEED_BOUND - 1).astype(np.int64)
     num_done = 0
 
     def show(count: int) -> None:
@@ -128,7 +129,8 @@ def sobol_indices(
         values = flights(points[:, :-1], noise)
     if not values.std() > 0.0:
         raise InputError(f"{metric} does not vary")
-    # SALib estimates the intervals by resampling, and ignores a seed of 0. SALib also standardises the values.
+    # SALib standardises the values, and estimates the intervals by resampling. It ignores a seed of 0, so the seed is
+    # increased by 1.
     found = analyze.analyze(problem, values, calc_second_order=False, seed=scenario.seed + 1)
     indices = [SobolIndex(name, *(_interval(found, kind, i) for kind in ("S1", "ST"))) for i, name in enumerate(names)]
     return tuple(sorted(indices, key=lambda each: -each.total.value))

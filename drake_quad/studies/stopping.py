@@ -21,8 +21,8 @@ from drake_quad.statistics.sequential import mean_sequence, probability_sequence
 from drake_quad.studies.statistics import values_with_crashes, values_without_crashes
 
 _CRASH = "crash"
-# Numbers of samples after which rules are evaluated. The first number is large enough for the normal approximation of
-# the mean, and the ratio limits the number of evaluations.
+# Rules are evaluated after the first number of samples, and again whenever the number has grown by the ratio. The first
+# number is large enough for the normal approximation of the mean.
 _FIRST_CHECKPOINT = 256
 _CHECKPOINT_RATIO = 1.25
 _RULE_PATTERN = re.compile(r"\s*(\w+)\s*(?:±|\+-|\+/-)\s*([^\s%]+)\s*(%?)\s*")

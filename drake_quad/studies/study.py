@@ -218,7 +218,7 @@ def study_rows(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None =
 
 def study_row_format(scenario: Scenario) -> RowFormat:
     """Return the format of the results file of a scenario's study."""
-    # Studies with independent draws keep the checksums of earlier versions, which had no field `draws`.
+    # Results files of earlier versions remain valid: their checksums were computed without the field `draws`.
     left_out = {"draws"} if scenario.draws is None else None
     return RowFormat(study_columns(scenario), scenario.model_dump_json(exclude=left_out))
 

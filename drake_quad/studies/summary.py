@@ -212,7 +212,7 @@ def comparison_table(studies: Mapping[str, Study], metric: str) -> Summary:
         "ratio of the means",
         "better in (% of pairs)",
         "pairs",
-        "crashed only here : only baseline",
+        "crashed only here : only with baseline",
         "",
     )
     return Summary(headings, rows, remark if crashed else [])

@@ -128,10 +128,10 @@ class RotorAerodynamics(NamedTuple):
     def load(self, flow: Flow) -> Load:
         """Return the sum of lift, climb, drag and inflow, which acts at the mean position of the rotors."""
         speed, air = flow.rotors, flow.air
-        turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
-        drag = self.drag * turning
-        across = air.x * air.x + air.y * air.y
-        lift = self.lift * across + (self.climb + self.inflow * turning) * air.z
+        total_speed = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
+        drag = self.drag * total_speed
+        squared_airspeed = air.x * air.x + air.y * air.y
+        lift = self.lift * squared_airspeed + (self.climb + self.inflow * total_speed) * air.z
         force = Vector(drag * air.x, drag * air.y, lift)
         return Load(force, cross(mean_rotor_position(flow.parameters), force))
 

@@ -71,13 +71,13 @@ class AllocationOutput(NamedTuple):
     shortfall: Wrench
 
 
-class _Square(NamedTuple):
-    """Coefficients of the squared speed of one rotor as a linear function of the wrench.
+class _SquaredSpeed(NamedTuple):
+    """Squared speed of one rotor, as the coefficients of a linear function of the wrench.
 
     Attributes:
-        thrust: change per newton of thrust; positive.
-        tilt: change caused by the whole commanded roll and pitch torque.
-        yaw: change per newton metre of yaw torque.
+        thrust: squared speed per newton of thrust; positive.
+        tilt: part of the squared speed that the whole commanded roll and pitch torque requires.
+        yaw: squared speed per newton metre of yaw torque.
     """
 
     thrust: Row
@@ -114,7 +114,8 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
     """
     low, high = rotors.min_speed * rotors.min_speed, rotors.max_speed * rotors.max_speed
     squares = [
-        _Square(row.thrust, row.tau_x * wrench.tau_x + row.tau_y * wrench.tau_y, row.tau_z) for row in rotors.mixer
+        _SquaredSpeed(row.thrust, row.tau_x * wrench.tau_x + row.tau_y * wrench.tau_y, row.tau_z)
+        for row in rotors.mixer
     ]
     lowest, highest = high, low
     for square in squares:
@@ -154,9 +155,9 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
         tau_z: commanded yaw torque, N m.
         low: smallest squared speed, rad²/s².
         high: largest squared speed, rad²/s².
-        rows: values of the `_Square` of each rotor, one rotor after the other.
+        rows: values of the `_SquaredSpeed` of each rotor, one rotor after the other.
     """
-    squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
+    squares = [_SquaredSpeed(*three) for three in zip(*[iter(rows)] * len(_SquaredSpeed._fields))]
     size = sum(abs(square.yaw) for square in squares)
     squares = [square._replace(yaw=_without_rounding(square.yaw, size)) for square in squares]
     thrust_kept, fraction = _THRUST_AND_FRACTION[priority](squares, thrust, tau_z, low, high)
@@ -167,7 +168,9 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
     return _Producible(thrust_kept, fraction, _nearest(tau_z, yaw_bounds))
 
 
-def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
+def _roll_pitch_first(
+    squares: Sequence[_SquaredSpeed], thrust: Row, tau_z: Row, low: Row, high: Row
+) -> tuple[Row, Row]:
     """Return thrust and fraction of roll and pitch torque, if roll and pitch torque are chosen first.
 
     The fraction is the largest feasible one. The thrust is the value nearest to `thrust` that is feasible with this
@@ -181,7 +184,7 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
     return _nearest(thrust, bounds), fraction
 
 
-def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
+def _thrust_first(squares: Sequence[_SquaredSpeed], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
     """Return thrust and fraction of roll and pitch torque, if the thrust is chosen first.
 
     The thrust is the value nearest to `thrust` that is feasible without torque. The fraction is the largest one that is
@@ -202,7 +205,7 @@ _THRUST_AND_FRACTION: dict[Priority, Callable[..., tuple[Row, Row]]] = {
 
 
 def _thrust_and_fraction_bounds(
-    squares: Sequence[_Square], tau_z: Row, low: Row, high: Row
+    squares: Sequence[_SquaredSpeed], tau_z: Row, low: Row, high: Row
 ) -> list[tuple[Row, _Bound]]:
     """Return bounds on the thrust and on the fraction of roll and pitch torque.
 
@@ -220,7 +223,7 @@ def _thrust_and_fraction_bounds(
     return bounds
 
 
-def _fraction_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
+def _fraction_bounds(squares: Sequence[_SquaredSpeed], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
     """Return bounds on the fraction of roll and pitch torque.
 
     Within these bounds, some thrust and some yaw torque between zero and tau_z are feasible. Each pair of rotors gives
@@ -242,7 +245,7 @@ def _fraction_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row
     return bounds
 
 
-def _determinant(one: _Square, other: _Square, squares: Sequence[_Square]) -> Row:
+def _determinant(one: _SquaredSpeed, other: _SquaredSpeed, squares: Sequence[_SquaredSpeed]) -> Row:
     """Return the determinant of the thrust and yaw coefficients of two rotors."""
     size = sum(square.thrust for square in squares) * sum(abs(square.yaw) for square in squares)
     return _without_rounding(one.thrust * other.yaw - other.thrust * one.yaw, size)
@@ -379,10 +382,10 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
     fraction = _fitting_fraction(half, maximum(size_13, size_24))
     room_13, room_24 = half - fraction * size_13, half - fraction * size_24
-    left, right = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
+    positive_yaw, negative_yaw = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
     both = 0.5 * (room_13 + room_24)
-    up = minimum(minimum(room_13 - right, room_24 + left), both)
-    down = minimum(minimum(room_13 + left, room_24 - right), both)
+    up = minimum(minimum(room_13 - negative_yaw, room_24 + positive_yaw), both)
+    down = minimum(minimum(room_13 + positive_yaw, room_24 - negative_yaw), both)
     return minimum(maximum(wanted.level, middle - down), middle + up), fraction
 
 
@@ -395,9 +398,9 @@ def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]
     level = minimum(maximum(wanted.level, low), high)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
     above, below, half = high - level, level - low, 0.5 * (high - low)
-    left, right = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
-    room_13 = minimum(minimum(below + left, above - right), half)
-    room_24 = minimum(minimum(above + left, below - right), half)
+    positive_yaw, negative_yaw = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
+    room_13 = minimum(minimum(below + positive_yaw, above - negative_yaw), half)
+    room_24 = minimum(minimum(above + positive_yaw, below - negative_yaw), half)
     room_both = 2.0 * minimum(above, below)
     fraction = minimum(_fitting_fraction(room_13, size_13), _fitting_fraction(room_24, size_24))
     return level, minimum(fraction, _fitting_fraction(room_both, size_13 + size_24))

@@ -64,21 +64,21 @@ _MAX_TANGENT = 0.125  # largest argument for which the polynomial of `arctan(sma
 _MAX_SINE = 0.5  # largest argument for which the polynomial of `arcsin(small=True)` is accurate
 
 
-class RotationSince(NamedTuple):
+class IntegratedQuaternion(NamedTuple):
     """Attitude over a time step, as the rotation relative to the start of the step.
 
     Attributes:
-        beginning: attitude at the start of the step.
+        initial_attitude: attitude at the start of the step.
         tilt: sines and cosines of roll and pitch at the start of the step.
-        beginning_axes: axes of B in W at the start of the step.
+        initial_axes: axes of B in W at the start of the step.
     """
 
-    beginning: Attitude
+    initial_attitude: Attitude
     tilt: Tilt
-    beginning_axes: BodyAxes
+    initial_axes: BodyAxes
 
     @classmethod
-    def of(cls, attitude: Attitude) -> "RotationSince":
+    def of(cls, attitude: Attitude) -> "IntegratedQuaternion":
         """Return the attitude over a step that starts at the given attitude."""
         return cls(attitude, Tilt.of(attitude.roll, attitude.pitch), BodyAxes.of(*attitude))
 
@@ -90,8 +90,8 @@ class RotationSince(NamedTuple):
     def axes(self, coordinates: Quaternion) -> BodyAxes:
         """Return the axes of B in W after a rotation from the start of the step."""
         if coordinates is NO_ROTATION:
-            return self.beginning_axes
-        return BodyAxes._make(self.beginning_axes.in_world(axis) for axis in coordinates.axes())
+            return self.initial_axes
+        return BodyAxes._make(self.initial_axes.in_world(axis) for axis in coordinates.axes())
 
     def rates(self, coordinates: Quaternion, body_rates: BodyRates) -> Quaternion:
         """Return the time derivative of the quaternion, 1/s."""
@@ -105,7 +105,7 @@ class RotationSince(NamedTuple):
         sum of initial value and change. If in addition the pitch is below 30°, polynomials replace the costlier
         functions for arbitrary angles; the results agree up to rounding.
         """
-        tilt, before = self.tilt, self.beginning
+        tilt, before = self.tilt, self.initial_attitude
         x, y, z = (tilt.in_heading(axis) for axis in coordinates.axes())
         sin_pitch = 0.0 - x.z
         # The sine and cosine of the change of roll are both multiplied by the cosine of the pitch.
@@ -131,7 +131,7 @@ def _angles_in_heading(
     return BodyAxes._make(tilt.in_heading(axis) for axis in Quaternion(w, x, y, z).axes()).angles()
 
 
-RIGID_KINEMATICS = AttitudeKinematics(angle_rates, RotationSince.of)
+RIGID_KINEMATICS = AttitudeKinematics(angle_rates, IntegratedQuaternion.of)
 """Kinematics of a rigid body, eq (2)."""
 
 

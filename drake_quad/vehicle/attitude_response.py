@@ -316,7 +316,8 @@ class AttitudeResponseQuadrotor(FleetSystem):
 
     The system is a point mass with an attitude. Thrust, gravity and drag accelerate it as they accelerate a
     `Quadrotor` (`drake_quad.vehicle.dynamics`). The attitude follows the angles in the `attitude_target`; the thrust
-    and the body rates in the target have no effect. Only the total thrust of the rotors is used. Inertia has no effect.
+    and the body rates in the target have no effect. The system uses the total thrust of the rotors, but neither their
+    torques nor the moments of inertia.
 
     Ports, time steps, faults and inputs that are not connected are treated as in a `Quadrotor`. The discrete state
     consists of the groups `state`, an `AttitudeResponseBody`, and `rotor_speed`. The continuous state is an

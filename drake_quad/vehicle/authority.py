@@ -17,7 +17,7 @@ _FRACTION_TOLERANCE = 1e-9
 _WRENCH_PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
 
 
-def missing_direction(rotors: Rotors) -> str | None:
+def explain_missing_wrench(rotors: Rotors) -> str | None:
     """Return a description of the wrench that four rotors cannot produce; None if they can produce every wrench.
 
     Args:
@@ -65,7 +65,7 @@ def explain_infeasible_hover(rotors: Rotors, *, min_speed: float, max_speed: flo
     """Return the reason why four rotors cannot produce thrust without torque; None if they can.
 
     Args:
-        rotors: rotors of one vehicle, for which `missing_direction` is None.
+        rotors: rotors of one vehicle, for which `explain_missing_wrench` is None.
         min_speed: idle speed, rad/s.
         max_speed: maximum speed, rad/s.
     """

@@ -38,7 +38,7 @@ class Battery(NamedTuple):
     efficiency: Number
 
 
-FULL = Charge(0.0)
+FULL_BATTERY_CHARGE = Charge(0.0)
 """Charge that has been drawn from a full battery: none."""
 
 

@@ -89,7 +89,7 @@ NO_EFFECTS = Effects()
 
 
 def hover_equivalent(parameters: QuadrotorParameters, effects: Effects, height: PositionW) -> QuadrotorParameters:
-    """Return the parameters of a vehicle without effects whose rotor speeds in hover are the same.
+    """Return the parameters of a vehicle without effects that hovers at the same rotor speeds.
 
     The result accounts for a payload that is attached at time zero, for a slung load and for ground effect.
 

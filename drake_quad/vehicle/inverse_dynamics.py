@@ -55,8 +55,8 @@ def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: Quadr
     )
     tilt = tilt_from_thrust(specific_thrust)
     rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
-    turning = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
-    wrench = Wrench(parameters.mass * tilt.thrust, *euler_torque(turning, rates, *parameters.inertia))
+    angular_acceleration = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
+    wrench = Wrench(parameters.mass * tilt.thrust, *euler_torque(angular_acceleration, rates, *parameters.inertia))
     squares = np.linalg.solve(_wrench_matrix(parameters), np.array(np.broadcast_arrays(*wrench)))
     roll, pitch = attitude_from_tilt(tilt)
     return RotorDemand(

@@ -106,21 +106,21 @@ def accelerations(
         action = action._replace(wrench=Wrench(thrust + load.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z))
         force = plus(times(load.x, axes.x), times(load.y, axes.y))
 
-    def on_centre() -> Vector:
+    def total_force() -> Vector:
         """Return the total force on the vehicle in W, excluding its weight, N."""
         dragging = drag(Wind(*air), parameters.linear_drag, parameters.quadratic_drag)
         total = plus(axes.in_world(Vector(0.0, 0.0, action.wrench.thrust)), Vector(*dragging))
         return total if force is None else plus(total, force)
 
     if effects.slung_load is not None and rod is not None:
-        free = on_centre()
+        free = total_force()
         tension = rod_force(free, rod, parameters.mass, effects.slung_load)
         force = tension if force is None else plus(force, tension)
         rod = rod_rates(free, rod, parameters.mass, effects.slung_load)
     if effects.payload is None:
         return Accelerations(equations_of_motion(axes, motion, action, wind, parameters, force), rod)
     body = loaded_body(parameters.mass, parameters.inertia, effects.payload, time)
-    return Accelerations(_with_payload(motion, axes, on_centre(), action, body, parameters), rod)
+    return Accelerations(_with_payload(motion, axes, total_force(), action, body, parameters), rod)
 
 
 def _near_ground(action: RotorAction, ratio: Row) -> RotorAction:

@@ -68,7 +68,7 @@ def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters:
 
 
 def time_constants(
-    speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
+    speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, spin_down: SpinDown | None
 ) -> RotorSpeed:
     """Return the time constant of each rotor, s, which depends on whether the rotor accelerates or decelerates.
 
@@ -78,12 +78,12 @@ def time_constants(
         speed: rotor speeds.
         target: speeds that the rotors approach.
         parameters: parameters of the vehicle.
-        down: time constant of decelerating rotors; None if it is the same in both directions.
+        spin_down: time constant of decelerating rotors; None if it is the same in both directions.
     """
     up = parameters.rotor_time_constant
-    if down is None:
+    if spin_down is None:
         return RotorSpeed(up, up, up, up)
-    return RotorSpeed._make(where(to > now, up, down.time_constant) for now, to in zip(speed, target, strict=True))
+    return RotorSpeed._make(where(to > now, up, spin_down.time_constant) for now, to in zip(speed, target, strict=True))
 
 
 def lagged_speeds(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> RotorSpeed:
@@ -98,24 +98,24 @@ def lagged_speeds(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> R
 
 
 def decay_factors(
-    speed: RotorSpeed, target: RotorSpeed, time: Row, parameters: QuadrotorParameters, down: SpinDown | None
+    speed: RotorSpeed, target: RotorSpeed, time: Row, parameters: QuadrotorParameters, spin_down: SpinDown | None
 ) -> RotorSpeed:
     """Return exp(-time / time constant) for each rotor; time in s, other arguments as in `time_constants`.
 
     A rotor never passes a constant target, so its time constant does not change during this time.
     """
-    if down is None:
+    if spin_down is None:
         decay = exp(-time / parameters.rotor_time_constant)
         return RotorSpeed(decay, decay, decay, decay)
-    lags = time_constants(speed, target, parameters, down)
+    lags = time_constants(speed, target, parameters, spin_down)
     return RotorSpeed._make(exp(-time / lag) for lag in lags)
 
 
 def rotor_accelerations(
-    speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
+    speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, spin_down: SpinDown | None
 ) -> RotorSpeed:
     """Return the rates dω/dt of the rotor speeds, rad/s²; the arguments are as in `time_constants`."""
-    lags = time_constants(speed, target, parameters, down)
+    lags = time_constants(speed, target, parameters, spin_down)
     return RotorSpeed._make((t - w) / lag for w, t, lag in zip(speed, target, lags, strict=True))
 
 

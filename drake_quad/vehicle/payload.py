@@ -107,9 +107,9 @@ def loaded_body_accelerations(
         i_x * x + i_xy * y + i_zx * z, i_xy * x + i_y * y + i_yz * z, i_zx * x + i_yz * y + i_z * z + spin
     )
     about_centre = plus(torque, times(-1.0, plus(cross(body.centre, force), cross(rates, momentum))))
-    turning = _angular_acceleration(body, about_centre)
-    rotating = plus(cross(turning, body.centre), cross(rates, cross(rates, body.centre)))
-    return plus(times(1.0 / body.mass, force), times(-1.0, rotating)), turning
+    angular = _angular_acceleration(body, about_centre)
+    centre_relative_to_p = plus(cross(angular, body.centre), cross(rates, cross(rates, body.centre)))
+    return plus(times(1.0 / body.mass, force), times(-1.0, centre_relative_to_p)), angular
 
 
 def _angular_acceleration(body: LoadedBody, torque: Vector) -> Vector:

@@ -1,7 +1,8 @@
 """Units of PX4's normalised torques.
 
-PX4 commands thrust and torques between 0 and 1. It assumes that a rotor's thrust is proportional to its command, with
-the weight at MPC_THR_HOVER, and normalises torques by its mixer (`ControlAllocationPseudoInverse`).
+PX4 commands thrust between 0 and 1, and torques between -1 and 1. It assumes that the thrust of a rotor is proportional
+to its command, and that the command MPC_THR_HOVER balances the weight. It normalises torques by its mixer
+(`ControlAllocationPseudoInverse`).
 """
 
 import numpy as np

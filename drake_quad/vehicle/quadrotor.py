@@ -18,12 +18,12 @@ from drake_quad.signals import (
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
-from drake_quad.vehicle.battery import FULL, rotor_battery_load
+from drake_quad.vehicle.battery import FULL_BATTERY_CHARGE, rotor_battery_load
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.slung_load import HANGING
+from drake_quad.vehicle.slung_load import HANGING_AT_REST
 from drake_quad.vehicle.stepping import (
     VehicleState,
     quadrotor_derivatives,
@@ -63,7 +63,7 @@ class InitialMotion(NamedTuple):
     rotor_4: Number = 1.0
 
 
-AT_REST = InitialMotion()
+HOVER_MOTION = InitialMotion()
 """Motion in hover."""
 
 
@@ -82,17 +82,20 @@ class QuadrotorConfig(NamedTuple):
     faults: RotorFaults = RotorFaults()
     start: HoverPose = HoverPose()
     effects: Effects = NO_EFFECTS
-    motion: InitialMotion = AT_REST
+    motion: InitialMotion = HOVER_MOTION
 
 
-def initial_body_state(pose: HoverPose, motion: InitialMotion = AT_REST) -> State:
+def initial_body_state(pose: HoverPose, motion: InitialMotion = HOVER_MOTION) -> State:
     """Return the state of the rigid body at time 0."""
     roll, pitch, v_x, v_y, v_z, p, q, r, *_ = motion
     return State(pose.x, pose.y, pose.z, roll, pitch, pose.yaw, v_x, v_y, v_z, p, q, r)
 
 
 def initial_state(
-    parameters: QuadrotorParameters, pose: HoverPose, effects: Effects = NO_EFFECTS, motion: InitialMotion = AT_REST
+    parameters: QuadrotorParameters,
+    pose: HoverPose,
+    effects: Effects = NO_EFFECTS,
+    motion: InitialMotion = HOVER_MOTION,
 ) -> VehicleState:
     """Return the state of a vehicle at time 0, with a full battery and with a slung load that hangs at rest.
 
@@ -103,8 +106,10 @@ def initial_state(
     rotors = RotorSpeed._make(
         speed * factor for speed, factor in zip(speeds, (first, second, third, fourth), strict=True)
     )
-    swing = None if effects.slung_load is None else HANGING
-    return VehicleState(initial_body_state(pose, motion), rotors, swing, None if effects.battery is None else FULL)
+    swing = None if effects.slung_load is None else HANGING_AT_REST
+    return VehicleState(
+        initial_body_state(pose, motion), rotors, swing, None if effects.battery is None else FULL_BATTERY_CHARGE
+    )
 
 
 def vehicle_battery_load(
@@ -187,7 +192,7 @@ class Quadrotor(FleetSystem):
         parameters: parameters of the vehicles.
 
     Raises:
-        ValueError: an effect has no parameters, or a slung load is combined with a payload, which would move the
+        ValueError: if an effect has no parameters, or a slung load is combined with a payload, which would move the
             attachment point of the load away from the centre of mass.
     """
 

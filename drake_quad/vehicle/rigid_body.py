@@ -22,11 +22,11 @@ def explain_invalid_inertia(moments: Sequence[float]) -> str:
         moments: I_xx, I_yy, I_zz, kg m².
     """
     *others, (largest, name) = sorted(zip(moments, _MOMENT_NAMES, strict=True))
-    together = sum(moment for moment, _ in others)
-    if largest <= (1.0 + _SUM_TOLERANCE) * together:
+    sum_of_others = sum(moment for moment, _ in others)
+    if largest <= (1.0 + _SUM_TOLERANCE) * sum_of_others:
         return ""
     names = " + ".join(sorted(other for _, other in others))
-    return f"{name}, {largest:.4g}, is larger than {names}, {together:.4g} kg m²"
+    return f"{name}, {largest:.4g}, is larger than {names}, {sum_of_others:.4g} kg m²"
 
 
 def nearest_rigid_inertia(

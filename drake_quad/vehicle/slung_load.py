@@ -40,7 +40,7 @@ class SlungLoad(NamedTuple):
     length: Annotated[Row, Quantity("m")]
 
 
-HANGING = Swing(0.0, 0.0, 0.0, 0.0)
+HANGING_AT_REST = Swing(0.0, 0.0, 0.0, 0.0)
 """Swing of a load that hangs straight down at rest."""
 
 # Offset that is added to -q · z, to avoid 0 / 0 if the rod is horizontal along X. It does not change components above

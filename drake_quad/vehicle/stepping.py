@@ -149,8 +149,8 @@ def flying_step(
 
     def derivative(stage: int, at: IntegratedState, stage_before: IntegratedState) -> IntegratedState:
         rotors, elapsed = stages[stage]
-        climbs = stage > 0 and effects.depend_on_height
-        height = body.z + elapsed * stage_before.motion.v_z if climbs else body.z
+        needs_height = stage > 0 and effects.depend_on_height
+        height = body.z + elapsed * stage_before.motion.v_z if needs_height else body.z
         motion = at.motion
         rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
         axes = attitude.axes(at.attitude)

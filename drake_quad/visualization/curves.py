@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 # Two curves overlap if their distance is below this value, in points, over more than `_MIN_OVERLAP` of their length.
 _MAX_SEPARATION = 1.2
 _MIN_OVERLAP = 0.25
-# Unit of the dash length of overlapping curves, in line widths.
+# Dashes of overlapping curves, and the gaps between them, are multiples of this length, in line widths.
 _DASH_LENGTH = 5.0
 
 

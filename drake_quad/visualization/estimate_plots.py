@@ -12,15 +12,15 @@ from drake_quad.signals import EstimateDeviation
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
 
-if TYPE_CHECKING:  # identification would delay the plots of a flight
+if TYPE_CHECKING:  # importing the identification package would delay the plots of a flight
     from drake_quad.identification.logged_estimate import EstimateErrors, LoggedEstimate
 
-_NUM_SIGMAS = 2.0  # standard deviations in the shaded bands
-_LARGEST_INNOVATION = 6.0  # largest normalised innovation on the axis
+_NUM_SIGMAS = 2.0  # half-width of the shaded bands, in standard deviations
+_MAX_INNOVATION = 6.0  # largest normalised innovation on the axis
 
 
 class _Panel(NamedTuple):
-    """Panel of a plot: its label, the factor from SI to its unit, and the plotted error and its deviations."""
+    """Panel of a plot: its label, the factor from SI to its unit, the error, and the components of its deviation."""
 
     label: str
     factor: float
@@ -37,11 +37,12 @@ _PANELS = (
 
 
 def plot_estimate(estimate: "LoggedEstimate", on_board: "EstimateErrors | None" = None) -> Figure:
-    """Plot the errors of position, velocity, tilt and yaw over time, with the deviations that the filter estimates.
+    """Plot the errors of position, velocity, tilt and yaw over time, with the filter's own standard deviations.
 
     Args:
         estimate: estimate of the filter.
-        on_board: errors of an estimate from on board; None if there is none. It has one sample more than `estimate`.
+        on_board: errors of an on-board estimate, with one sample before the first sample of `estimate`; None if there
+            is no such estimate.
     """
     deviations = EstimateDeviation(*estimate.deviations.T)
     with new_panels(9.0, 7.6, len(_PANELS), 1, sharex=True) as (figure, grid):
@@ -61,9 +62,9 @@ def plot_estimate(estimate: "LoggedEstimate", on_board: "EstimateErrors | None" 
 
 
 def plot_flown_estimate(flight: Flight) -> Figure:
-    """Plot the errors of the estimate of a simulated flight, with the estimated deviations, and the innovations.
+    """Plot the estimation errors of a simulated flight, with the filter's own standard deviations, and the innovations.
 
-    A filter without a covariance has neither deviations nor innovations.
+    A filter without a covariance has neither standard deviations nor innovations.
     """
     measurement, state = flight.record("measurement"), flight.record("state")
     errors: dict[str, np.ndarray] = {
@@ -97,7 +98,7 @@ def _draw_deviation(axes: Axes, panel: _Panel, time: np.ndarray, deviation: Esti
 def _draw_innovations(axes: Axes, flight: Flight) -> None:
     axes.axhspan(-_NUM_SIGMAS, _NUM_SIGMAS, color=BLUE, alpha=0.2, lw=0.0)
     axes.plot(flight.time, flight["innovation"], ".", color=BLUE, markersize=1.0)
-    axes.set(ylabel="innovations\n(standard deviations)", ylim=(-_LARGEST_INNOVATION, _LARGEST_INNOVATION))
+    axes.set(ylabel="innovations\n(standard deviations)", ylim=(-_MAX_INNOVATION, _MAX_INNOVATION))
 
 
 def _size(error: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ def plot_worst_flight(worst: Flight, nominal: Flight) -> Figure:
 
 
 def plot_search(found: WorstCase) -> Figure:
-    """Plot the best metric after each generation of the search, as the mean over wind and noise."""
+    """Plot the worst metric of each generation of the search, averaged over the samples of wind and noise."""
     definition = metric_definitions(found.scenario.metrics_type)[found.metric]
     unit, size = (definition.unit, 1.0) if definition.display is None else definition.display[:2]
     means = np.array(found.means)

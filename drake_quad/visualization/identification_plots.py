@@ -74,14 +74,14 @@ def plot_residuals(identification: Identification) -> Figure:
     """Plot the autocorrelation and the spectrum of the forecast errors. The spectrum of white noise is flat."""
     with new_panels(9.0, 3.4, 1, 2) as (figure, ((left, right),)):
         for i, output in enumerate(identification.outputs):
-            colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
+            colour, dashes = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
+            style: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 1.1}
             # A single point is not visible without a marker.
-            look: dict[str, Any] = {"color": colour, "linestyle": style, "linewidth": 1.1}
-            look["marker"] = "." if output.residual.shape[1] <= _MAX_MARKED_POINTS else None
+            style["marker"] = "." if output.residual.shape[1] <= _MAX_MARKED_POINTS else None
             lags, correlation = _autocorrelation(output)
-            left.plot(lags, correlation, **look, label=output.name)
+            left.plot(lags, correlation, **style, label=output.name)
             frequency, density = _spectrum(output)
-            right.loglog(frequency, density, **look)
+            right.loglog(frequency, density, **style)
         half_width = 1.96 / math.sqrt(identification.outputs[0].residual.size)
         left.axhspan(-half_width, half_width, color=_BAND_COLOUR, zorder=0)
         left.set(xlabel="lag (s)", ylabel="autocorrelation (1)", ylim=(-0.6, 1.05))

@@ -74,7 +74,7 @@ def _title(figure: Figure, text: str) -> None:
 
 
 def plot_learning(flight: Flight) -> Figure:
-    """Plot the commands of the PD and of the network, the weights, and the trace of the covariance on each axis."""
+    """Plot the commands of PD controller and network, the weights, and the trace of the covariance, on each axis."""
     axes_learned = _axes_of(flight)
     count, has_trace = len(axes_learned), "covariance_trace" in flight.signals
     pd, correction, weights = flight.record("pd"), flight.record("correction"), _weights_by_axis(flight)

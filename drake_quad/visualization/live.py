@@ -38,7 +38,11 @@ _WIND_LABELS = ("wind X (m/s)", "wind Y (m/s)")
 _MASS_LABEL = "mass (kg)"
 _FAILURE_TIME = "vehicle.rotor_failure.time"
 _ERROR_LABELS = ("error (cm)", "RMS error, 5 s (cm)")
-_GUST, _FAILURE, _RESTART, _STOP = "gust", "motor fails", "start again", "stop"
+# Labels of the buttons.
+_GUST = "gust"
+_FAILURE = "motor fails"
+_RESTART = "start again"
+_STOP = "stop"
 # Keyboard key of each button.
 _BUTTON_KEYS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.identification.validation.comparison import INTERVAL, LogComparison
+from drake_quad.identification.validation.comparison import INTERVAL_QUANTILES, LogComparison
 from drake_quad.visualization.curves import quantiles_over_flights
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION
@@ -26,7 +26,9 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
     gaps = np.flatnonzero(steps > _MIN_GAP_RATIO * np.median(steps)) + 1
     with new_panels(10.0, 6.6, 3, 2, sharex=True) as (figure, grid):
         for i, (position_axes, error_axes) in enumerate(grid):
-            band = quantiles_over_flights(comparison.predicted[:, :, i], (INTERVAL[0], 0.5, INTERVAL[1]))
+            band = quantiles_over_flights(
+                comparison.predicted[:, :, i], (INTERVAL_QUANTILES[0], 0.5, INTERVAL_QUANTILES[1])
+            )
             curves = np.vstack([time, target[:, i], comparison.logged_error[:, i], band])
             times, reference, logged, low, median, high = np.insert(curves, gaps, np.nan, axis=1)
             position_axes.plot(times, reference, **REFERENCE, label="reference", zorder=3)

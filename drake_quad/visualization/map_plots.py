@@ -115,9 +115,9 @@ def _draw(
     axes.set_facecolor(_CRASHED_COLOUR)
     shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=shading(), norm=norm)
     if not panel.linear.stable.all():
-        axes.contour(second, first, panel.linear.size, [1.0], **_contour(_STABILITY_EDGE_STYLE))
-    damping = axes.contour(second, first, panel.linear.damping, _DAMPING_LEVELS, **_contour(_DAMPING_STYLE))
-    delay = axes.contour(second, first, panel.linear.delay, _DELAY_LEVELS, **_contour(_DELAY_STYLE))
+        axes.contour(second, first, panel.linear.size, [1.0], **_contour_style(_STABILITY_EDGE_STYLE))
+    damping = axes.contour(second, first, panel.linear.damping, _DAMPING_LEVELS, **_contour_style(_DAMPING_STYLE))
+    delay = axes.contour(second, first, panel.linear.delay, _DELAY_LEVELS, **_contour_style(_DELAY_STYLE))
     label_positions = _label_positions(axes, [damping, delay])
     for lines, text in ((damping, lambda level: f"ζ {level:g}"), (delay, lambda level: f"{1e3 * level:.0f} ms")):
         axes.clabel(lines, fmt=text, fontsize=9, manual=label_positions[lines])
@@ -152,6 +152,6 @@ def _label_positions(axes: Axes, contours: list[ContourSet]) -> dict[ContourSet,
     return positions
 
 
-def _contour(line: dict[str, Any]) -> dict[str, Any]:
-    """Return the style of a line as arguments of `contour`."""
+def _contour_style(line: dict[str, Any]) -> dict[str, Any]:
+    """Return the style of a line as keyword arguments of `Axes.contour`."""
     return {"colors": line["color"], "linewidths": line["linewidth"], "linestyles": line["linestyle"]}

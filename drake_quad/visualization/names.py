@@ -13,7 +13,7 @@ _SYMBOLS = {
     "damping": ("damping of roll", "damping of pitch", "damping of yaw"),
     "curve": ("thrust curve k_0", "thrust curve k_1", "thrust curve k_2"),
 }
-# Short forms of parts of a name; most of these parts are left out.
+# Short forms of parts of a name. A part with an empty short form is left out.
 _ABBREVIATIONS = {
     "laboratory.motion_capture.": "",
     "laboratory.command_link.": "",

@@ -15,7 +15,7 @@ from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.panels import name_rows
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, label_metric
-from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, use_style
+from drake_quad.visualization.style import AXIS_COLORS, BLACK, VERMILION, new_figure, use_style
 
 _LEGEND_ABOVE_PANEL: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspacing": 0.8}
 
@@ -35,7 +35,7 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
         draw_error(axes["error"], flight)
         if "acceleration_command" in flight.signals:
             command = flight.record("acceleration_command")
-            for axis, color in AXES.items():
+            for axis, color in AXIS_COLORS.items():
                 values = getattr(command, axis)
                 axes["command"].plot(flight.time, values, color=color, linewidth=1.1, label=axis.upper())
             dash_overlapping_curves(axes["command"])

@@ -26,7 +26,7 @@ from drake_quad.visualization.style import (
     LEGEND_ABOVE,
     LIMIT,
     ORANGE,
-    ROTORS,
+    ROTOR_COLORS,
     TEXT_BACKGROUND,
     new_figure,
     use_style,
@@ -53,7 +53,7 @@ def plot_plan(
         parameters: parameters of the vehicle, which determine the rotor speeds.
         limits: limits on speed and acceleration; None for no limits.
         regions: regions that the path must pass through.
-        corridors: box or polytope that each segment must stay in, or None for a free segment.
+        corridors: for each segment, the box or polytope in which it must stay; None for a segment without a corridor.
         waypoints: indices of the waypoints to draw and number, (n,); None for all.
         space: space with the obstacles; None for no obstacles.
     """
@@ -192,7 +192,7 @@ def _draw_profiles(
     if high - low < 20.0:
         yaw.set_ylim(0.5 * (low + high) - 10.0, 0.5 * (low + high) + 10.0)
     demand = plan_demand(plan, parameters, times).rotor_speed
-    for (name, speeds), color in zip(demand._asdict().items(), ROTORS, strict=True):
+    for (name, speeds), color in zip(demand._asdict().items(), ROTOR_COLORS, strict=True):
         rotors.plot(times, speeds, color=color, label=name.replace("_", " "))
     for limit in (parameters.min_rotor_speed, parameters.max_rotor_speed):
         rotors.axhline(limit, **LIMIT)

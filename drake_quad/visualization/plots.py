@@ -25,12 +25,12 @@ from drake_quad.visualization.obstacles import draw_obstacles, draw_solids
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import (
-    AXES,
+    AXIS_COLORS,
     BLUE,
     LEGEND_ABOVE,
     LIMIT,
     REFERENCE,
-    ROTORS,
+    ROTOR_COLORS,
     VERMILION,
     Vector,
     new_figure,
@@ -106,7 +106,7 @@ def plot_errors(flight: Flight) -> Figure:
     """Plot the position error over time: its component on each axis, and its Euclidean norm."""
     state, reference = flight.record("state"), flight.record("reference")
     with new_panels(8.0, 4.8, 2, 1, sharex=True) as (figure, ((upper,), (lower,))):
-        for axis, color in AXES.items():
+        for axis, color in AXIS_COLORS.items():
             error = 100.0 * (getattr(reference, axis) - getattr(state, axis))
             upper.plot(flight.time, error, color=color, label=axis.upper())
         upper.set_ylabel("error (cm)")
@@ -161,10 +161,13 @@ def plot_rotors(flight: Flight) -> Figure:
     speeds = flight.record("rotor_speed")
     with use_style():
         figure = new_figure(9.0, 6.0)
-        grid = figure.add_gridspec(len(ROTORS), 2, width_ratios=[3.2, 1.0])
+        grid = figure.add_gridspec(len(ROTOR_COLORS), 2, width_ratios=[3.2, 1.0])
         first = figure.add_subplot(grid[0, 0])
-        panels = [first, *(figure.add_subplot(grid[i, 0], sharex=first, sharey=first) for i in range(1, len(ROTORS)))]
-        for axes, (name, speed), color in zip(panels, speeds._asdict().items(), ROTORS, strict=True):
+        panels = [
+            first,
+            *(figure.add_subplot(grid[i, 0], sharex=first, sharey=first) for i in range(1, len(ROTOR_COLORS))),
+        ]
+        for axes, (name, speed), color in zip(panels, speeds._asdict().items(), ROTOR_COLORS, strict=True):
             axes.plot(flight.time, speed, color=color, linewidth=1.0)
             axes.plot(flight.time, np.mean(speeds, axis=0), color="0.15", linewidth=0.8)
             axes.set_ylabel(f"{name.replace('_', ' ')} (rad/s)")
@@ -188,7 +191,7 @@ def plot_rotors(flight: Flight) -> Figure:
 def draw_rotor_speeds(axes: Axes, flight: Flight) -> None:
     """Draw the speeds of the rotors over time."""
     speeds = flight.record("rotor_speed")._asdict()
-    for (name, speed), color in zip(speeds.items(), ROTORS, strict=True):
+    for (name, speed), color in zip(speeds.items(), ROTOR_COLORS, strict=True):
         axes.plot(flight.time, speed, color=color, label=name.replace("_", " "))
     axes.set(xlabel="time (s)", ylabel="rotor speed (rad/s)")
     dash_overlapping_curves(axes)

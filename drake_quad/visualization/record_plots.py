@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from drake_quad.logs.record import QUANTITIES, FlightRecord
 from drake_quad.logs.timing import gaps
 from drake_quad.visualization.panels import new_panels
-from drake_quad.visualization.style import AXES, BLACK, ROTORS
+from drake_quad.visualization.style import AXIS_COLORS, BLACK, ROTOR_COLORS
 
-# Samples are left out of a log with more samples, since a figure is only about a thousand pixels wide.
+# A log with more samples is thinned out, since a figure is only about a thousand pixels wide.
 _MAX_SAMPLES = 20_000
 
 
@@ -33,7 +33,7 @@ class _Panel(NamedTuple):
     unit: str = ""
 
 
-_AXIS_NAMES = tuple(AXES)
+_AXIS_NAMES = tuple(AXIS_COLORS)
 _ANGLE_NAMES = ("roll", "pitch", "yaw")
 _ROTOR_NAMES = ("rotor 1", "rotor 2", "rotor 3", "rotor 4")
 _DEGREES = 180.0 / np.pi
@@ -76,7 +76,7 @@ def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
     step = -(-len(record.time) // _MAX_SAMPLES)
     # Lines are broken at gaps, since a line across a gap would show data that were not logged.
     gap_ends = 1 + np.flatnonzero(gaps(record.time))
-    colors = ROTORS if panel.names == _ROTOR_NAMES else (*AXES.values(),) if panel.names else (BLACK,)
+    colors = ROTOR_COLORS if panel.names == _ROTOR_NAMES else (*AXIS_COLORS.values(),) if panel.names else (BLACK,)
     first, *_ = [name for name in panel.signals if getattr(record, name) is not None]
     for name in panel.signals:
         values = getattr(record, name)

@@ -10,7 +10,7 @@ from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
 
 _NUM_THRESHOLDS = 120  # number of points on the exceedance curve
-_MAX_COORDINATES = 12  # largest number of coordinates in a chart
+_MAX_COORDINATES = 12  # largest number of random numbers in a chart
 
 
 def plot_exceedance(risk: Risk) -> Figure:
@@ -49,7 +49,10 @@ def plot_exceedance(risk: Risk) -> Figure:
 
 
 def plot_coordinates(risk: Risk) -> Figure:
-    """Plot mean and standard deviation of the most important coordinates of samples at which the event occurs."""
+    """Plot mean and standard deviation of the most important random numbers, over samples at which the event occurs.
+
+    Over all samples, each random number has a standard normal distribution.
+    """
     drawn = risk.coordinates[:_MAX_COORDINATES]
     rows = np.arange(len(drawn))
     means = np.array([each.mean.value for each in drawn])

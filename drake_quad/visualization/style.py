@@ -11,30 +11,28 @@ import numpy as np
 
 from drake_quad.files import write_atomically
 
-# Matplotlib takes half a second to import, which modules that need only a colour or a `Vector` should not do.
+# Matplotlib takes half a second to import, but some modules need only a colour or the type `Vector` from this module.
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 # These colours are distinguishable in all types of colour vision (M. Okabe and K. Ito, "Color universal design", 2008).
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
+BLACK = "#000000"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+YELLOW = "#F0E442"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
 REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.2}
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
 # Background that keeps a text legible if it crosses a line.
 TEXT_BACKGROUND: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
 # Position of a legend above the right end of the axes, so that it hides no curve.
 LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
-AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
-ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
+AXIS_COLORS = {"x": BLUE, "y": VERMILION, "z": GREEN}
+ROTOR_COLORS = (BLUE, VERMILION, GREEN, PURPLE)
 
 _SETTINGS: Any = {
     "figure.dpi": 110,

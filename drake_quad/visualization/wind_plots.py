@@ -14,7 +14,7 @@ from drake_quad.signals import State, Wind
 from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.positions import coordinates_by_axis
 from drake_quad.visualization.style import (
-    AXES,
+    AXIS_COLORS,
     BLACK,
     LEGEND_ABOVE,
     REFERENCE,
@@ -115,7 +115,7 @@ def _plot_maps(flight: Flight, fans: tuple[Jet, ...]) -> Figure:
     planes = _Plane("x", "y", "z", outlet["z"]), _Plane(long_axis, "z", normal, outlet[normal])
     fields = [_mean_wind(flight, plane, room) for plane in planes]
     top = max(float(field.speed.max()) for field in fields)
-    x, y, z = (room.length(axis) for axis in AXES)
+    x, y, z = (room.length(axis) for axis in AXIS_COLORS)
     if is_tall:  # the horizontal plane is on the left, and the vertical plane is beside it
         scale = _MAP_SIZE / (x + y)
         figure = new_figure(1.8 + _MAP_SIZE, max(1.4 + scale * y, 3.0 + scale * z))
@@ -137,7 +137,7 @@ def _plot_maps(flight: Flight, fans: tuple[Jet, ...]) -> Figure:
 def _plot_uniform_wind(flight: Flight, wind: Wind) -> Figure:
     """Plot a uniform wind as arrows beside the path, in the X-Y plane, or in X-Z if the wind is mainly vertical."""
     room = _room(flight, ())
-    middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
+    middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXIS_COLORS}
     is_horizontal = float(np.hypot(wind.x, wind.y)) >= abs(wind.z)
     plane = _Plane("x", "y", "z", middle["z"]) if is_horizontal else _Plane("x", "z", "y", middle["y"])
     figure = new_figure(9.5, 3.8)
@@ -178,9 +178,10 @@ def _direction_text(wind: Wind) -> str:
 def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
     """Return the region above the ground that contains both paths and all fans with a margin."""
     actual, reference = coordinates_by_axis(flight.record("state")), coordinates_by_axis(flight.record("reference"))
-    finite = np.all([np.isfinite(actual[axis]) for axis in AXES], axis=0)  # a vehicle may have diverged
+    finite = np.all([np.isfinite(actual[axis]) for axis in AXIS_COLORS], axis=0)  # a vehicle may have diverged
     ends = {
-        axis: [*actual[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES
+        axis: [*actual[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)]
+        for axis in AXIS_COLORS
     }
     low = {axis: min(coordinates) - _MARGIN for axis, coordinates in ends.items()}
     low["z"] = max(low["z"], 0.0)
@@ -194,7 +195,7 @@ def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
     a, b = np.meshgrid(across, up)
     position: Any = _ORIGIN._replace(**{plane.across: a, plane.up: b, plane.normal: np.full_like(a, plane.level)})
     steady = steady_wind(flight.scenario.laboratory.wind)
-    velocity = {axis: np.full_like(a, getattr(steady, axis)) for axis in AXES}
+    velocity = {axis: np.full_like(a, getattr(steady, axis)) for axis in AXIS_COLORS}
     for jet in jets(flight.scenario.laboratory.wind):
         speed, _ = jet_speed(position, jet)
         for axis, part in velocity.items():
@@ -244,7 +245,7 @@ def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: tuple[Jet, ...
 def _draw_series(axes: Axes, flight: Flight) -> None:
     """Draw the wind at the vehicle over time."""
     wind = flight.record("wind")
-    for axis, color in AXES.items():
+    for axis, color in AXIS_COLORS.items():
         axes.plot(flight.time, getattr(wind, axis), color=color, linewidth=1.0, label=axis.upper())
     axes.set(xlabel="time (s)", ylabel="wind (m/s)")
     if float(np.abs(wind).max()) < _MAX_STILL_AIR_SPEED:

@@ -8,7 +8,7 @@ from pathlib import Path
 from drake_quad.command_line.running import run
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.command_line.options import add_wired, bare_parser, check_ranges
+from drake_quad.command_line.options import add_wired, check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
@@ -19,7 +19,7 @@ _PAPER = Path(__file__).parents[2] / "diagrams" / "paper.yaml"
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/calibrate_paper.py --quick")
+    options = parser_without_options(__doc__, "python scripts/development/calibrate_paper.py --quick")
     options.add_argument("--samples", type=int, help="number of flights of each cell (default: 64)")
     options.add_argument("--quick", action="store_true", help="use 8 samples and only the first hypothesis")
     options.add_argument("--output", type=Path, default=Path("out/calibration"), help="folder (default: %(default)s)")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from drake_quad.command_line.running import run
 
 from drake_quad import load_scenario, run_monte_carlo
-from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.options import check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.design.certificate import certify_hover
@@ -47,7 +47,7 @@ class Row(NamedTuple):
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/certified_scales.py --samples 100")
+    options = parser_without_options(__doc__, "python scripts/development/certified_scales.py --samples 100")
     options.add_argument("--samples", type=int, default=5000, help="flights of each controller (default: %(default)s)")
     options.add_argument(
         "--output", type=Path, default=Path("out/certified_scales"), help="folder (default: %(default)s)"

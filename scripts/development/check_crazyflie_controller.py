@@ -16,7 +16,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 from drake_quad.assembly.control import control_setting
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.control.pid_cascade.system import initial_state, step_cascade
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.flight.mission import plan_route
@@ -39,7 +39,7 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
     Args:
         log: table of n samples with the columns of a NanoBench log.
-        recipe: recipe of the modelled controller.
+        recipe: recipe for the system that models the controller.
     """
     parameters, rules = recipe.parameters, recipe.structure["rules"]
     x, y, z = parameters.velocity.terms
@@ -62,7 +62,7 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
 def main() -> None:
     """Print correlation and RMS difference of modelled and logged commands, for each output of each flight."""
-    options = bare_parser(__doc__, "python scripts/development/check_crazyflie_controller.py nanobench")
+    options = parser_without_options(__doc__, "python scripts/development/check_crazyflie_controller.py nanobench")
     options.add_argument("folder", type=Path)
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
     recipe = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"]
@@ -70,9 +70,10 @@ def main() -> None:
         log = np.genfromtxt(path, delimiter=",", names=True)
         computed = commanded(log, recipe)
         flying = (log["pid_controller_cmd_thrust"] > 0.0) & (log["est_stateEstimate_z"] > 0.3)
-        # In some flights the rotors stop briefly at the landing command, which resets all integrals.
+        # The end of each flight is not compared, since in some flights the rotors stop briefly at the landing command,
+        # which resets all integrals.
         flying[max(0, np.flatnonzero(flying)[-1] - NUM_LANDING_SAMPLES) if flying.any() else 0 :] = False
-        words = []
+        texts = []
         for column, (name, unit) in zip(computed.T, OUTPUT_UNITS.items(), strict=True):
             logged = log[f"pid_controller_{name}"][flying]
             if not flying.any():
@@ -84,8 +85,8 @@ def main() -> None:
                     command - np.polyval(np.polyfit(time[free], (command - logged)[free], 1), time), MAX_COMMAND
                 )
             rms, correlation = np.sqrt(np.mean((command - logged) ** 2)), np.corrcoef(command, logged)[0, 1]
-            words.append(f"{name} {correlation:.4f}, {rms:.3g} {unit} of {np.std(logged):.3g}")
-        print(f"{path.name.partition('_rep')[0]:20}", "; ".join(words) or "no flight in this log")
+            texts.append(f"{name} {correlation:.4f}, {rms:.3g} {unit} of {np.std(logged):.3g}")
+        print(f"{path.name.partition('_rep')[0]:20}", "; ".join(texts) or "no flight in this log")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError
-from drake_quad.command_line.options import bare_parser, check_ranges, parse_overrides
+from drake_quad.command_line.options import check_ranges, parse_overrides, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import short_repr
@@ -35,7 +35,7 @@ _OPTION_RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**
 
 
 def main() -> None:
-    options = bare_parser(
+    options = parser_without_options(
         __doc__, "python scripts/development/check_identification.py wind --samples 100 --processes 2"
     )
     options.add_argument("flights", choices=[*SYNTHETIC_FLIGHTS], help="condition of the flights")
@@ -78,7 +78,7 @@ def main() -> None:
 
 
 def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
-    """Yield the results of each batch by sample, as soon as the batch is complete."""
+    """Yield the results of each batch, keyed by sample, as soon as the batch is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
         for outcome in run_tasks(workers, check_batch, lambda: next(waiting, None)):
@@ -88,7 +88,7 @@ def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[i
 
 
 def read_rows(path: Path, description: str) -> dict[int, list[CheckedParameter]]:
-    """Return the saved results by sample.
+    """Return the saved results, keyed by sample.
 
     A flight in which no parameter was identified has a single row with an empty name, and an empty list here.
 

@@ -100,7 +100,7 @@ def figure_eight(num_vehicles: int, *, everything: bool) -> Step:
 
     Args:
         num_vehicles: number of vehicles.
-        everything: whether wind, noise and all other imperfections are enabled.
+        everything: True to enable wind, noise and all other imperfections.
     """
     from drake_quad.gym import QuadrotorVectorEnv
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from drake_quad.command_line.running import run
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.options import check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.design.cascade import design_cascade, with_gains, with_integrals
@@ -32,7 +32,7 @@ def with_lqg(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"control": design_lqg(scenario).control})
 
 
-# Controllers, each a function that returns a scenario with the controller, designed for the estimator of the scenario.
+# For each controller, a function that designs it for the estimator of a scenario, and returns the changed scenario.
 _DESIGNS: dict[str, Callable[[Scenario], Scenario]] = {
     "PD": with_designed_gains,
     "PID": with_designed_integrals,
@@ -46,7 +46,7 @@ _CONTROLLERS: dict[str, dict[str, Callable[[Scenario], Scenario]]] = {
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/compare_estimation.py --samples 16")
+    options = parser_without_options(__doc__, "python scripts/development/compare_estimation.py --samples 16")
     options.add_argument("--samples", type=int, default=256, help="flights of each controller (default: %(default)s)")
     options.add_argument(
         "--output", type=Path, default=Path("out/compare_estimation"), help="folder (default: %(default)s)"

@@ -8,7 +8,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import Flight, load_scenario, simulate_samples
-from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.options import check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
@@ -29,9 +29,9 @@ _FLOW_DECK = [
     {"kind": "range_finder", "period": 0.04, "ground": -1.0, "distance_noise": 0.0025},
     {"kind": "optical_flow", "period": 0.01, "ground": -1.0, "max_flow": 7.4, "flow_noise": 0.41},
 ]
-# Changes of the scenario `onboard`, or of a shipped scenario with its own sensors, by the name of the set.
 _FILTER: dict[str, Any] = {"kind": "error_state_filter"}
-_SETS: dict[str, tuple[str, dict[str, Any]]] = {
+# For each set of sensors, a shipped scenario and the changes to it.
+_SENSOR_SETS: dict[str, tuple[str, dict[str, Any]]] = {
     "motion capture alone": ("onboard", {"laboratory": {**_CALM, "motion_capture": _CAMERAS}}),
     "motion capture and IMU": (
         "onboard",
@@ -69,7 +69,7 @@ class Errors(NamedTuple):
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/compare_sensors.py --samples 4")
+    options = parser_without_options(__doc__, "python scripts/development/compare_sensors.py --samples 4")
     options.add_argument(
         "--samples", type=int, default=64, help="flights with each set of sensors (default: %(default)s)"
     )
@@ -79,7 +79,7 @@ def main() -> None:
     arguments = options.parse_args()
     check_ranges(arguments, {"samples": (1, 1000)})
     folder = output_folder(arguments.output)
-    flights = {name: fly(name, arguments.samples) for name in new_bar(list(_SETS), desc="flying")}
+    flights = {name: fly(name, arguments.samples) for name in new_bar(list(_SENSOR_SETS), desc="flying")}
     errors = {name: errors_of(each) for name, each in flights.items()}
     columns = {name: [getattr(each, name) for each in errors.values()] for name in Errors._fields}
     print_columns(
@@ -95,12 +95,12 @@ def main() -> None:
 
 def fly(name: str, samples: int) -> list[Flight]:
     """Fly samples with a set of sensors."""
-    scenario, changes = _SETS[name]
+    scenario, changes = _SENSOR_SETS[name]
     return simulate_samples(load_scenario(scenario, changes), range(samples))
 
 
 def estimation_error(flight: Flight) -> np.ndarray:
-    """Return the measured minus the true state (12, ticks), with the yaw in [-π, π]."""
+    """Return the measured minus the true state (12, ticks), with angles in [-π, π]."""
     error = np.array(flight.record("measurement")) - np.array(flight.record("state"))
     error[3:6] = np.arctan2(np.sin(error[3:6]), np.cos(error[3:6]))
     return error
@@ -116,7 +116,7 @@ def errors_of(flights: list[Flight]) -> Errors:
 
 
 def draw(flights: dict[str, list[Flight]]) -> "Figure":
-    """Plot the median over the flights of the errors of position and tilt over time."""
+    """Plot the median position error and the median tilt error of the flights over time."""
     from drake_quad.visualization.style import new_figure
 
     with use_style():
@@ -127,7 +127,7 @@ def draw(flights: dict[str, list[Flight]]) -> "Figure":
             time = np.array(each[0].time)
             for axes, rows, factor in ((upper, slice(0, 3), 1e2), (lower, slice(3, 5), 1e3)):
                 axes.plot(time, factor * np.median(np.linalg.norm(errors[:, rows], axis=1), axis=0), lw=1.0, label=name)
-        # The estimates begin with the true state, and their first errors would extend the axes by decades.
+        # The estimates start at the true state, so their first errors would extend the logarithmic axes by decades.
         upper.set(ylabel="position error (cm)", yscale="log", ylim=(2e-2, 2e2))
         lower.set(ylabel="tilt error (mrad)", yscale="log", ylim=(5e-2, 2e1), xlabel="time (s)", xlim=(0.0, time[-1]))
         figure.legend(*upper.get_legend_handles_labels(), loc="outside upper left", ncols=3)

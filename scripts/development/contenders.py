@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import remark
 
 
@@ -36,7 +36,7 @@ def is_quick(description: str | None, example: str, quick: str) -> bool:
         example: example of the command for the help text.
         quick: effect of the option for the help text.
     """
-    options = bare_parser(description, example)
+    options = parser_without_options(description, example)
     options.add_argument("--quick", action="store_true", help=quick)
     return bool(options.parse_args().quick)
 

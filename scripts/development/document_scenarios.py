@@ -6,18 +6,20 @@ from pathlib import Path
 from drake_quad.command_line.running import run
 
 from drake_quad.command_line.documentation import command_page, formula_page
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.schema import file_schema, language_page
 
-# Pages with generated parts, and the functions that update these parts.
+# Pages of which only some parts are generated, and the functions that update these parts.
 _UPDATED_PAGES = {"command_line.md": command_page, "formulas.md": formula_page}
 _FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/document_scenarios.py --output docs/reference")
+    options = parser_without_options(
+        __doc__, "python scripts/development/document_scenarios.py --output docs/reference"
+    )
     options.add_argument("--output", type=Path, default=Path("out/docs"), help="folder (default: %(default)s)")
     folder = output_folder(options.parse_args().output)
     schema = json.dumps(file_schema(), indent=1, ensure_ascii=False) + "\n"

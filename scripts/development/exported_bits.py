@@ -1,8 +1,8 @@
 """Compare flights of exported C code with the flights of the shipped controllers from which it was exported.
 
-For each controller, a compiled and a wired flight of 10 s are compared with a flight of the code in double precision,
-bit by bit. The steps of this flight are repeated with each compiler and each level of optimisation. In single
-precision, the RMSE and the largest difference of a command are compared. The script prints a table.
+For each controller, a compiled and an uncompiled flight of 10 s are compared with a flight of the exported code in
+double precision, bit by bit. The steps of this flight are repeated with each compiler and each level of optimisation.
+In single precision, the RMSE and the largest difference of a command are compared. The script prints a table.
 """
 
 import shutil
@@ -16,7 +16,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, draw_sample, export_controller, exported_controller, load_scenario, simulate
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.exported.description import read_description
 from drake_quad.exported.machines import COMPILER_FLAGS, HostMachine
 from drake_quad.scenario.files.shipped import shipped_folder
@@ -38,8 +38,8 @@ SCENARIOS = [
     *("indoor_flow", "outdoor_gnss", "warehouse_uwb"),
     *(f"bad_day:{name}" for name in ("crazyflie", "crazyflie_onboard", "hummingbird", "neural_fly", "racer")),
 ]
-LEVELS = ("-O0", "-O1", "-O2", "-O3")
-SHORT = ["duration=10", "metrics={start: 0, end: null}"]
+OPTIMISATION_LEVELS = ("-O0", "-O1", "-O2", "-O3")
+SHORT_FLIGHT = ["duration=10", "metrics={start: 0, end: null}"]
 
 
 class Recorded(HostMachine):
@@ -55,7 +55,11 @@ class Recorded(HostMachine):
 
 
 def cases(only: str) -> list[tuple[str, str]]:
-    """Return the laboratory and the controller of each flight. The controller is "" if the laboratory contains one."""
+    """Return the scenario and the controller of each flight; "" if the scenario already contains a controller.
+
+    Args:
+        only: text that the name of the scenario or of the controller must contain.
+    """
     result = [(scenario, "") for scenario in SCENARIOS]
     for name, laboratories in LABORATORIES.items():
         file = shipped_folder() / "controllers" / f"{name}.yaml"
@@ -66,24 +70,24 @@ def cases(only: str) -> list[tuple[str, str]]:
 
 def row(laboratory: str, controller: str, folder: Path) -> str:
     """Return the results of a controller as a line of text."""
-    scenario = draw_sample(load_scenario(laboratory, SHORT, layers=[controller] if controller else []), 0)
+    scenario = draw_sample(load_scenario(laboratory, SHORT_FLIGHT, layers=[controller] if controller else []), 0)
     try:
         export_controller(scenario, folder)
     except InputError as error:
         return str(error)
-    expected, wired = simulate(scenario, compiled=True), simulate(scenario, compiled=False)
+    expected, uncompiled = simulate(scenario, compiled=True), simulate(scenario, compiled=False)
     kind = exported_controller(folder)
     Recorded.steps.clear()
     system = kind()
     system._running = Recorded(folder)
     flown = simulate(scenario, control=system)
     unequal = [
-        sum(int((bits(flown[name]) != bits(other[name])).sum()) for name in flown) for other in (expected, wired)
+        sum(int((bits(flown[name]) != bits(other[name])).sum()) for name in flown) for other in (expected, uncompiled)
     ]
     compilers = [compiler for compiler in ("gcc", "clang") if shutil.which(compiler)]
     changed = 0
     for compiler in compilers:
-        for level in LEVELS:
+        for level in OPTIMISATION_LEVELS:
             machine = HostMachine(folder, compiler=compiler, flags=(*COMPILER_FLAGS, level))
             changed += sum(machine.step(state, inputs) != result for state, inputs, result in Recorded.steps)
     export_controller(scenario, folder, precision="single")
@@ -94,7 +98,7 @@ def row(laboratory: str, controller: str, folder: Path) -> str:
         1e-9
     )
     return (
-        f"{unequal[0]} unequal values (compiled) and {unequal[1]} (wired) in {len(flown)} signals, {changed} of"
+        f"{unequal[0]} unequal values (compiled) and {unequal[1]} (uncompiled) in {len(flown)} signals, {changed} of"
         f" {len(Recorded.steps)} steps changed by {', '.join(compilers)};"
         f" single precision: RMSE {100.0 * ratio:+.4f} %, command {difference.max():.1e}"
     )
@@ -107,7 +111,7 @@ def bits(values: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Print the table."""
-    options = bare_parser(__doc__, "python scripts/development/exported_bits.py --only lqg")
+    options = parser_without_options(__doc__, "python scripts/development/exported_bits.py --only lqg")
     options.add_argument("--only", default="", help="fly only cases whose laboratory or controller contains this text")
     only = options.parse_args().only
     with tempfile.TemporaryDirectory() as folder:

@@ -16,7 +16,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.flight.hover_error import hover_error
 from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.scenario.paths import map_leaves
@@ -31,7 +31,7 @@ _NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)  # relative to the noise of `laborat
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/hover_errors.py")
+    options = parser_without_options(__doc__, "python scripts/development/hover_errors.py")
     options.add_argument(
         "--noise-of", default="indi", metavar="NAME", help="controller of the second table (default: %(default)s)"
     )

@@ -18,14 +18,14 @@ import numpy as np
 import scipy
 
 from drake_quad import InputError
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.identify import identify
 from drake_quad.identification.result import EstimatedValue, Identification
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_values import vehicle_value, with_vehicle_values
-from drake_quad.identification.validation.estimator import VelocityEstimate, linear_drag, velocity_estimate
+from drake_quad.identification.validation.estimator import VelocityErrorEstimate, estimate_velocity_error, linear_drag
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.logs.reading import read_log
 from drake_quad.scenario.correlation import correlated_normals
@@ -71,7 +71,7 @@ _VEHICLES_START = "\n# Vehicles that are identified from the logs"
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/identify_crazyswarm2.py --output mine.yaml")
+    options = parser_without_options(__doc__, "python scripts/development/identify_crazyswarm2.py --output mine.yaml")
     options.add_argument(
         "--output",
         type=Path,
@@ -92,7 +92,7 @@ def main() -> None:
         record = read_log(_LOGS / f"log{log}.xz")
         base = load_undesigned(f"{_FILE}:sheet_{log}", list(_INITIAL_LAG))
         identification = identify([record], base, held_out_fraction=0.0)
-        estimate, drag = velocity_estimate(record), linear_drag(record, base)
+        estimate, drag = estimate_velocity_error(record), linear_drag(record, base)
         parts.append(vehicle(log, base, identification, estimate, drag))
         rows += table_rows(log, identification, estimate, drag)
     print_columns(("log", "number", "value", "standard deviation"), rows)
@@ -107,7 +107,7 @@ def vehicle(
     log: str,
     base: Scenario,
     identification: Identification,
-    estimate: VelocityEstimate,
+    estimate: VelocityErrorEstimate,
     drag: tuple[EstimatedValue, EstimatedValue],
 ) -> str:
     """Return the YAML text of the scenario that is identified from a log.
@@ -215,7 +215,10 @@ def normal(mean: float, deviation: float, low: float | None = None, high: float 
 
 
 def table_rows(
-    log: str, identification: Identification, estimate: VelocityEstimate, drag: tuple[EstimatedValue, EstimatedValue]
+    log: str,
+    identification: Identification,
+    estimate: VelocityErrorEstimate,
+    drag: tuple[EstimatedValue, EstimatedValue],
 ) -> list[tuple[str, str, str, str]]:
     """Return the rows of the printed table that belong to a log."""
     estimates = identification.estimates

@@ -15,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 import scipy
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.errors import InputError, short_repr
@@ -65,7 +65,8 @@ class Flight(NamedTuple):
         drift: (3,) standard deviation of the velocity error without its scale error, m/s.
         drift_time: correlation time of the drift, s.
         lag: delay of the estimated position relative to motion capture, s.
-        lean: two arrays (n, 2) along x and y: horizontal velocity (m/s), and error of the estimated thrust direction.
+        velocity: (n, 2) horizontal velocity along x and y, m/s.
+        direction_error: (n, 2) error of the estimated thrust direction along x and y, as a difference of unit vectors.
     """
 
     hover: float
@@ -76,12 +77,13 @@ class Flight(NamedTuple):
     drift: np.ndarray
     drift_time: float
     lag: float
-    lean: tuple[np.ndarray, np.ndarray]
+    velocity: np.ndarray
+    direction_error: np.ndarray
 
 
 def main() -> None:
     """Identify the vehicle, write the scenario, and print the parameters of each flight."""
-    options = bare_parser(__doc__, "python scripts/development/identify_nanobench.py nanobench")
+    options = parser_without_options(__doc__, "python scripts/development/identify_nanobench.py nanobench")
     options.add_argument("folder", type=Path)
     options.add_argument("--output", type=Path, default=_FILE, metavar="FILE", help="file (default: the shipped file)")
     arguments = options.parse_args()
@@ -117,7 +119,7 @@ def main() -> None:
 
 
 def with_commands(record: FlightRecord) -> FlightRecord:
-    """Return a record whose motor commands are those before the firmware compensates for the battery voltage."""
+    """Return a record with the motor commands that the firmware computed before it compensated for the voltage."""
     voltage = scipy.ndimage.gaussian_filter1d(record.of("battery_voltage"), _SMOOTHING_SAMPLES)
     motors = record.of("motor_command")
     thrust = np.polynomial.polynomial.polyval(motors * voltage[:, np.newaxis], _THRUST_OF_VOLTAGE)
@@ -144,7 +146,7 @@ def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
     drift = smooth(speeds) - (1.0 + scale) * velocity
     quaternions = np.column_stack([rows[f"att_stateEstimate_q{axis}"] for axis in ("x", "y", "z", "w")])
     up = np.array([0.0, 0.0, 1.0])
-    lean = scipy.spatial.transform.Rotation.from_quat(quaternions).apply(up) - body.apply(up)
+    direction_error = scipy.spatial.transform.Rotation.from_quat(quaternions).apply(up) - body.apply(up)
     return Flight(
         float(commands.mean()),
         climb_slope(record, part.lift_off or part.first),
@@ -154,7 +156,8 @@ def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
         drift.std(axis=0),
         free_flight_record.period * float(np.mean([correlation_samples(column) for column in drift.T])),
         float(-slopes(velocity[:, :2], (estimated - position)[:, :2]).mean()),
-        (velocity[:, :2], smooth(lean)[:, :2]),
+        velocity[:, :2],
+        smooth(direction_error)[:, :2],
     )
 
 
@@ -188,19 +191,18 @@ def climb_slope(record: FlightRecord, lift_off: int) -> float:
     return best[1]
 
 
-def lean_time(flight: Flight, lean: float) -> float:
-    """Return the time constant (s) of the lag between the velocity and the error of the estimated thrust direction.
+def direction_error_time(flight: Flight, error_per_speed: float) -> float:
+    """Return the time constant (s) with which the error of the estimated thrust direction follows the velocity.
 
     Args:
         flight: parameters of a flight.
-        lean: ratio of the error to the velocity at constant velocity, s/m.
+        error_per_speed: error per speed at constant velocity, s/m. The error is opposite to the velocity.
     """
-    velocity, lean_error = flight.lean
 
     def error(time: float) -> float:
         decay = np.exp(-_PERIOD / time)
-        expected = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], -lean * velocity, axis=0)
-        return float(np.sum((lean_error - expected)[_SETTLING_SAMPLES:].var(axis=0)))
+        expected = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], -error_per_speed * flight.velocity, axis=0)
+        return float(np.sum((flight.direction_error - expected)[_SETTLING_SAMPLES:].var(axis=0)))
 
     return float(scipy.optimize.minimize_scalar(error, bounds=(0.05, 5.0), method="bounded").x)
 
@@ -240,14 +242,15 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
 
     Args:
         flights: parameters of each flight.
-        numbers: value and standard deviation of each rotational parameter, by name.
+        numbers: value and standard deviation of each rotational parameter, keyed by name.
     """
 
     def spread(name: str, column: int | slice | None = None) -> tuple[float, float]:
         values = np.array([getattr(flight, name) for flight in flights])
         values = values if column is None else values[:, column]
         values = values.mean(axis=1) if values.ndim > 1 else values
-        # Student's distribution predicts a further flight. The normal distribution has the same 95 % interval.
+        # The value in a further flight has a Student distribution. The returned standard deviation is that of a normal
+        # distribution with the same 95 % interval.
         student = scipy.stats.t.ppf(0.975, len(values) - 1) / scipy.stats.norm.ppf(0.975)
         return float(values.mean()), float(student * values.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(values)))
 
@@ -267,8 +270,8 @@ def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]
     frames = [max(0, round(flight.lag / _ESTIMATOR_PERIOD)) for flight in flights]
     drift = np.mean([flight.drift for flight in flights], axis=0)
     linear = normal(drag * _MASS, drag_deviation * _MASS, "shared: {drag: 1}, min: 0")
-    lean = drag / _GRAVITY
-    times = [round(lean_time(flight, lean), 2) for flight in flights]
+    tilt_per_speed = drag / _GRAVITY
+    times = [round(direction_error_time(flight, tilt_per_speed), 2) for flight in flights]
     along = normal(*scale, "shared: {estimator: 1}, min: -0.5")
     values = {
         name: normal(mean, deviation, f"min: {0.5 * mean:.4g}, max: {1.5 * mean:.4g}")
@@ -293,7 +296,7 @@ nanobench:
   laboratory:
     autopilot:
       # The estimator of the firmware neglects drag.
-      neglected_drag: {{tilt_per_speed: {lean:.3g}, time: {{choice: {times}}}}}
+      neglected_drag: {{tilt_per_speed: {tilt_per_speed:.3g}, time: {{choice: {times}}}}}
     motion_capture:
       # Lag of the estimated position in each of the flights. The scale error of the velocity is constant in a flight.
       latency_frames: {{choice: {frames}}}

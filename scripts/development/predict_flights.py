@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from drake_quad import Flight, load_scenario, read_log, simulate
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.flight.simulation import simulate_batch, simulate_samples
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.body_drag import BodyDragEffect
@@ -59,7 +59,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/predict_flights.py")
+    options = parser_without_options(__doc__, "python scripts/development/predict_flights.py")
     options.add_argument(
         "--wind", choices=PUBLISHED_ERRORS, nargs="+", default=[*PUBLISHED_ERRORS], help="winds (default: all)"
     )
@@ -93,7 +93,7 @@ def predicted(winds: list[str], overrides: tuple[str, ...] = (), *, measured: bo
     Args:
         winds: names of the winds.
         overrides: overrides of the vehicle.
-        measured: whether errors are computed from measured positions; otherwise from true positions.
+        measured: True to compute errors from measured positions; False to compute them from true positions.
     """
     flights = [simulate(load_scenario(f"{_VEHICLE}:{wind}", overrides)) for wind in winds]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
@@ -129,7 +129,7 @@ def print_differences(errors: list[float], flown: list[float]) -> None:
 
 
 def print_phases() -> None:
-    """Print the smallest and the largest predicted error, if the phase of the sinusoidal wind varies."""
+    """Print the smallest and the largest predicted error over all phases of the sinusoidal wind."""
     phases = np.linspace(0.0, 2.0 * math.pi, _NUM_PHASES, endpoint=False)
     batch = Batch.draw(load_scenario(f"{_VEHICLE}:wind_8_sine"), [0] * _NUM_PHASES)
     flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}))

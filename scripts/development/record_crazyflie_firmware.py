@@ -13,7 +13,7 @@ from drake_quad.command_line.running import run
 
 import numpy as np
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 
 HARNESS = Path(__file__).with_name("crazyflie_firmware.c")
 TEST_FOLDER = Path(__file__).parents[2] / "tests" / "design"
@@ -91,7 +91,9 @@ def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.nd
 
 def main() -> None:
     """Compile and run the controller of the firmware, and record its inputs and outputs."""
-    options = bare_parser(__doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware")
+    options = parser_without_options(
+        __doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware"
+    )
     options.add_argument("checkout", type=Path)
     options.add_argument("--count", type=int, default=160, help="number of ticks at 500 Hz")
     arguments = options.parse_args()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drake_quad.command_line.running import run
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 
@@ -19,7 +19,7 @@ _TIMEOUT = 300  # s, largest run time of a cell
 
 def main() -> None:
     """Run all notebooks of the documentation, and write the results."""
-    options = bare_parser(__doc__, "python scripts/development/run_notebooks.py --output docs/notebooks")
+    options = parser_without_options(__doc__, "python scripts/development/run_notebooks.py --output docs/notebooks")
     options.add_argument("--output", type=Path, default=Path("out/notebooks"), help="folder (default: %(default)s)")
     folder = output_folder(options.parse_args().output)
     pages = [page for page in sorted(_DOCS.rglob("*.md")) if "{code-cell}" in page.read_text(encoding="utf-8")]

@@ -11,8 +11,8 @@ from drake_quad import StudyFleet, plan_route
 from drake_quad.command_line.options import (
     add_controller,
     add_overrides,
-    bare_parser,
     check_ranges,
+    parser_without_options,
     scenario_from_arguments,
 )
 from drake_quad.command_line.progress import counting_bar
@@ -24,7 +24,7 @@ _NUM_VEHICLES = 2048  # largest number of vehicles that fly at the same time
 
 def main() -> None:
     """Read the command line, and count the events."""
-    options = bare_parser(
+    options = parser_without_options(
         __doc__,
         "python scripts/development/sample_risk.py --controller controllers/designed/robustness:lqg --set duration=1"
         " --event 'peak_error > 0.37'",

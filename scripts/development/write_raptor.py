@@ -14,7 +14,7 @@ from drake_quad.command_line.running import run
 
 import numpy as np
 
-from drake_quad.command_line.options import bare_parser
+from drake_quad.command_line.options import parser_without_options
 from drake_quad.command_line.output import print_files
 from drake_quad.extras import import_extra
 from drake_quad.files import output_folder, write_atomically
@@ -24,7 +24,7 @@ _SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
 
 
 def main() -> None:
-    options = bare_parser(__doc__, "python scripts/development/write_raptor.py --output diagrams/policies")
+    options = parser_without_options(__doc__, "python scripts/development/write_raptor.py --output diagrams/policies")
     options.add_argument("--output", default="out/policies", help="folder for the file (default: out/policies)")
     folder = output_folder(Path(options.parse_args().output))
     arrays = network_of(import_extra("foundation_policy", "test").Raptor())

@@ -112,7 +112,7 @@ def flight_without_effects(asymmetric):
     "names", SETS_OF_EFFECTS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects"
 )
 def test_compiled_and_uncompiled_flights_of_single_vehicles_and_fleets_agree(asymmetric, flight_without_effects, names):
-    """Each set of effects is simulated in four ways, and must change the flight."""
+    """Each set of effects is also compared with a flight without effects, which it must change."""
     scenario = asymmetric("pid", *SHORT_FLIGHT_OVERRIDES, *overrides(*names))
     first, second = assert_flown_alike(Batch.draw(scenario, (0, 1)))
     assert np.abs(first["state"] - flight_without_effects["state"]).max() > 1e-6
@@ -146,7 +146,7 @@ CALM_WITHOUT_DRAG = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.qua
     ],
 )
 def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, derivative_per_number):
-    """The time step may be at most 2.5 m / k, with the mass m and the largest derivative k of the force by velocity."""
+    """The limit is 2.5 m / k, with the mass m and the largest derivative k of the force with respect to velocity."""
     max_number = 2.5 * 0.74 / 0.01 / derivative_per_number
     recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
     with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
@@ -156,7 +156,7 @@ def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, 
 @pytest.mark.parametrize(
     "motion", ["laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]", "initial.velocity=[3, 0, 4]"]
 )
-def test_wind_and_initial_velocity_increase_the_derivative_of_quadratic_drag_and_lift_by_airspeed(asymmetric, motion):
+def test_wind_and_initial_velocity_increase_the_airspeed_derivative_of_quadratic_drag_and_lift(asymmetric, motion):
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
         max_number = 2.5 * 0.74 / 0.01 / 10.0
         recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, motion, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
@@ -166,10 +166,11 @@ def test_wind_and_initial_velocity_increase_the_derivative_of_quadratic_drag_and
             )
 
 
-def test_the_derivatives_of_body_drag_and_rotor_drag_by_airspeed_are_added(asymmetric):
-    """The wind is 5 m/s.
+def test_the_largest_derivatives_of_body_drag_and_rotor_drag_are_added(asymmetric):
+    """The derivatives are with respect to airspeed, in a wind of 5 m/s.
 
-    The derivative of body drag is largest along y, and the derivative of rotor drag is largest along z or across z.
+    The derivative of body drag is largest along y. That of rotor drag is largest along z in the first case, and
+    perpendicular to z in the second case.
     """
     body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
     rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"

@@ -63,8 +63,8 @@ def test_the_vehicle_has_the_parameters_of_the_scenario(asymmetric, recipes):
     assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
-def test_a_vehicle_with_random_rotor_positions_must_produce_every_torque(diagrams):
-    """At one of the random positions, yaw torque is a linear combination of thrust, roll torque and pitch torque."""
+def test_a_fleet_with_a_rotor_position_that_allows_no_independent_yaw_torque_is_refused(diagrams):
+    """If rotor 1 is at x = -0.3 m, yaw torque is a linear combination of thrust, roll torque and pitch torque."""
     corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
     rotors = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
     rotors.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
@@ -97,10 +97,7 @@ def test_the_battery_sags_over_the_whole_flight(recipes):
     ],
 )
 def test_the_vehicle_models_faults_if_the_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
-    """A scenario may write an absent fault as 0 or 0.0.
-
-    The vehicle models faults if the distribution of a fault contains nonzero values.
-    """
+    """A fault of 0 or 0.0 is absent. A distribution with nonzero values counts as a fault."""
     scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
     assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
 
@@ -156,7 +153,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
 @pytest.mark.parametrize(
     ("override", "name", "expected"),
     [
-        # The structure is noisy unless both the position noise and the attitude noise are zero.
+        # The camera model is noisy unless both the position noise and the attitude noise are zero.
         ("position_noise=0", "noisy", True),
         ("attitude_noise=0.0", "noisy", True),
         ("dropout_rate=0", "loses_frames", False),
@@ -237,7 +234,7 @@ def test_steady_winds_are_added_and_calm_air_adds_no_system_to_the_diagram(asymm
 
 
 def test_a_time_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(asymmetric):
-    """The time step may be at most 2.5 m / (c₁ + 2 c₂ |v|), where v is the largest possible wind."""
+    """The time step may be at most 2.5 m / (c₁ + 2 c₂ |v|), where v is the largest possible wind velocity."""
     fans = sum(4.0 * flow / (math.pi * diameter**2) for flow, diameter in ((2.3, 0.8), (1.9, 0.6)))
     gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
     airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
@@ -293,7 +290,8 @@ def test_an_autopilot_that_takes_body_rates_has_no_attitude_loop(action, gains):
     assert parameters.k_attitude == gains
 
 
-# Each imperfection: its field in the scenario, the system that models it, and its flag in `structure` of the recipe.
+# For each imperfection: the field of the scenario, the system that models it, and the structural argument that
+# enables it.
 IMPERFECTIONS_OF_A_FLEET = [
     ("vehicle.battery_sag", "vehicle", "faulty"),
     *(
@@ -330,7 +328,7 @@ def perfect_laboratory(asymmetric):
 
 @pytest.mark.parametrize(("field", "part", "name"), IMPERFECTIONS_OF_A_FLEET)
 def test_an_imperfection_is_modelled_if_any_vehicle_of_a_fleet_has_it(perfect_laboratory, field, part, name):
-    """The scenario has no imperfection, but a batch may assign one to each vehicle, as a calibration does."""
+    """The scenario has no imperfection. The batch assigns an imperfection to one of its two vehicles."""
     scenario, plan = perfect_laboratory
     for values, is_modelled in (((0.0, 0.0), False), ((0.0, 0.01), True)):
         batch = Batch(scenario, (0, 1), {field: np.array(values)})
@@ -383,7 +381,7 @@ def test_an_identified_attitude_response_has_the_parameters_of_the_scenario(asym
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("damping", [0.5, 1.6])
 def test_a_time_step_may_not_exceed_two_and_a_half_time_constants_of_the_attitude_response(asymmetric, axis, damping):
-    """An angle decays at most at the rate ω (ζ + √(ζ² - 1)), or ω ζ if it overshoots."""
+    """The fastest decay rate of an angle is ω (ζ + √(ζ² - 1)), or ω ζ if the response is underdamped."""
     fastest_decay = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
     for fraction, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
         frequency, damping_ratio = ["5.0"] * 3, ["0.9"] * 3

@@ -1,4 +1,4 @@
-"""Tests of a vehicle that leans against the wind and has linear-quadratic-Gaussian control."""
+"""Tests of a vehicle that leans against the wind under linear-quadratic-Gaussian control."""
 
 import numpy as np
 import pytest
@@ -10,9 +10,9 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.mark.slow
 def test_noise_of_the_measured_height_does_not_shift_a_leaning_vehicle_sideways(diagrams):
-    """The thrust responds to the noise.
+    """The noise changes the thrust of a vehicle that is tilted by 30°.
 
-    At a tilt of 30°, the controller must not interpret thrust changes as rotations.
+    The controller must not interpret these changes as rotations.
     """
     x_positions = []
     for noise in (0.001, 1e-6):

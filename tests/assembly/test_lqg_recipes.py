@@ -154,7 +154,7 @@ def test_the_quadratic_programme_is_built_from_the_regulator_the_horizon_and_the
     assert programme_of(scenario_with_mpc(horizon=0.001))[0].structure["num_ticks"] == 1
 
 
-def test_the_preview_contains_each_tick_s_reference_and_the_previous_tick_s_snap(scenario_with_mpc):
+def test_the_preview_contains_the_reference_of_each_tick_and_the_snap_of_the_previous_tick(scenario_with_mpc):
     """The preview begins at the first tick. In its last two entries the reference is at rest."""
     recipe, plan, _ = programme_of(scenario_with_mpc())
     preview, rest_time = recipe.structure["preview"], plan.rest_time

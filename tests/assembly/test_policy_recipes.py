@@ -50,7 +50,7 @@ def simulate_actions(scenario, *actions):
 )
 def test_the_hovering_action_holds_the_nominal_vehicle_in_hover(action):
     scenario = task_with(action)
-    hovering = scenario.control.action.hovering(nominal_parameters(scenario))
+    hovering = scenario.control.action.hover_action(nominal_parameters(scenario))
     state = simulate_actions(scenario, hovering).record("state")
     for name in ("x", "y", "z", "roll", "pitch", "yaw"):
         row = getattr(state, name)

@@ -42,7 +42,7 @@ def test_a_recipe_for_a_system_with_other_ports_or_events_is_refused_on_reset():
         longer_recipe.reset(diagram, "laboratory.link", diagram.CreateDefaultContext())
 
 
-def test_a_user_s_functions_build_systems_for_the_given_number_of_vehicles():
+def test_user_functions_build_systems_for_the_given_number_of_vehicles():
     functions = UserSystems(control=lambda n: ConstantVectorSource(np.full(n, 1.0)), wind=lambda n: Demultiplexer(n))
     assert [*functions.specified] == ["control", "wind"]
     systems = functions.build(3)

@@ -43,7 +43,7 @@ def pd_law(m: State, r: Reference, gains: Gains) -> Acceleration:
 
 @fleet_system(float, AutoDiffXd)
 class Formula(FleetSystem):
-    """A PD controller as a formula."""
+    """A PD controller that declares its law as a formula."""
 
     def declare(self, *, parameters=Gains()):
         gains = self.parameter("gains", lambda parameters: parameters)
@@ -270,7 +270,7 @@ class OneVehiclePorts(Plain):
 
 
 @pytest.mark.parametrize(
-    ("candidate", "words"),
+    ("candidate", "message"),
     [
         (NeedsGain, "NeedsGain cannot be built: "),
         (MisnamedPort, "has the input port `measurment`, but may only have `measurement`, `reference`"),
@@ -279,7 +279,7 @@ class OneVehiclePorts(Plain):
         (SimpleNamespace, "has no output port `acceleration_command`, `wrench` or `attitude_target`"),
     ],
 )
-def test_registering_a_class_or_object_that_is_not_a_controller_is_refused(candidate, words: str) -> None:
+def test_registering_a_class_or_object_that_is_not_a_controller_is_refused(candidate, message: str) -> None:
     with pytest.raises(InputError) as caught:
         register_controller(candidate)
-    assert words in str(caught.value)
+    assert message in str(caught.value)

@@ -59,7 +59,7 @@ def test_the_rms_error_on_the_nominal_figure_eight_is_below_three_centimetres(fi
 
 
 @pytest.mark.slow
-def test_a_derivative_of_the_measurement_causes_an_error_in_proportion_to_the_velocity(figure_eight):
+def test_derivative_action_on_the_measurement_causes_an_error_proportional_to_the_velocity(figure_eight):
     """On a long straight line at constant velocity v, the error settles to (k_D / k_P) v."""
     line = figure_eight(
         "route={kind: waypoints, waypoints: [[0, 0, 1], [16, 12, 1]], times: [0, 100]}",
@@ -75,8 +75,8 @@ def test_a_derivative_of_the_measurement_causes_an_error_in_proportion_to_the_ve
     velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
     assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # On the figure eight, the error is metres instead of centimetres: about (k_D / k_P) v, and more in curves, which
-    # are too fast for the bandwidth of this loop.
+    # On the figure eight, the error is about (k_D / k_P) v, which is metres instead of centimetres. It is larger in
+    # curves, which are too fast for the bandwidth of this loop.
     gains_of_the_paper = [
         f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")
     ]
@@ -104,7 +104,7 @@ def test_vehicles_with_a_time_step_and_with_a_continuous_state_agree_on_a_figure
 
 @pytest.mark.long
 def test_a_vehicle_with_a_time_step_flies_in_wind_like_a_vehicle_with_a_continuous_state(asymmetric):
-    """The scenario has no rotor failure, since a failure occurs in the middle of a step."""
+    """The scenario has no rotor failure, since a failure within a time step would make the flights differ."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
     stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))
     for rows, tolerance in ((slice(0, 3), 1e-6), (slice(3, 12), 1e-4)):
@@ -193,7 +193,7 @@ class HoverWrench(LeafSystem):
         )
 
 
-def test_a_user_s_control_needs_only_a_wrench(figure_eight):
+def test_a_user_defined_control_needs_only_a_wrench_output(figure_eight):
     flight = simulate(figure_eight("route={kind: hover}"), control=HoverWrench())
     np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=1e-9)
     assert "pd" not in flight.signals
@@ -312,16 +312,16 @@ def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delays_of_c
         # The roll jumps 5 ms before the frame at `start`.
         start = 0.01 * step
         simulator.AdvanceTo(start - 0.005)
-        own = vehicle.GetMyMutableContextFromRoot(context)
-        vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(roll=0.1))
+        vehicle_context = vehicle.GetMyMutableContextFromRoot(context)
+        vehicle.set_state(vehicle_context, "state", vehicle.get_state(vehicle_context, "state")._replace(roll=0.1))
         time = start
         while np.ptp(diagram.GetOutputPort("rotor_speed_command").Eval(context)) < 1e-3:
             simulator.AdvanceTo(time)
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # A control tick reads the previous camera frame. So the first frame after the jump is read 20 ms later if it is
-    # taken at a tick, and 10 ms later if it is taken between two ticks.
+    # A control tick reads the camera frame before it, 10 ms earlier. A frame that is taken at a tick is therefore read
+    # at the next tick, 20 ms later. A frame that is taken between two ticks is read 10 ms later.
     shortest_delay = 0.01 * (1 + frames) + 0.02 * ticks
     assert min(delays) == pytest.approx(shortest_delay, abs=1e-9)
     assert max(delays) == pytest.approx(shortest_delay + 0.01, abs=1e-9)
@@ -357,10 +357,10 @@ def test_the_closed_loop_supports_automatic_differentiation(figure_eight, overri
 
     def set_gain(diagram, context, k_p):
         law = subsystem(diagram, ("control", "position", "pd"))
-        own = law.GetMyMutableContextFromRoot(context)
-        gains = law.get_parameter(own, "gains")
+        law_context = law.GetMyMutableContextFromRoot(context)
+        gains = law.get_parameter(law_context, "gains")
         x = k_p if n == 1 else np.array([k_p, *gains.k_p.x[1:]])
-        law.set_parameter(own, "gains", gains._replace(k_p=gains.k_p._replace(x=x)))
+        law.set_parameter(law_context, "gains", gains._replace(k_p=gains.k_p._replace(x=x)))
 
     def final_state(k_p):
         simulator = Simulator(diagram)
@@ -408,7 +408,7 @@ def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
 
 
 def test_a_metrics_window_beyond_the_end_of_the_flight_is_refused(figure_eight):
-    with pytest.raises(InputError, match=r"metrics.start is 30, but must be before the end of the flight at 25.38 s"):
+    with pytest.raises(InputError, match=r"metrics.start is 30 s, but must be before the end of the flight at 25.38 s"):
         simulate(figure_eight("metrics.start=30"))
 
 

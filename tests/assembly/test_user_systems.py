@@ -107,7 +107,7 @@ def make_number(num_vehicles):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (
             make_without_arguments,
@@ -126,11 +126,11 @@ def make_number(num_vehicles):
         (range, r"position_controller must be .*, but range returns an object of type range$"),
     ],
 )
-def test_the_message_about_a_function_that_returns_no_system_shows_the_required_signature(diagrams, make, words):
+def test_the_message_about_a_function_that_returns_no_system_shows_the_required_signature(diagrams, make, message):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.1"])
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         StudyFleet(scenario, plan_route(scenario), 2, user_systems=UserSystems(position_controller=make))
 
 
@@ -163,7 +163,7 @@ def test_a_misspelt_name_in_a_system_is_refused_with_close_matches():
         system.set_state(context, "x", ())
 
 
-def test_a_user_s_wind_may_have_random_inputs(diagrams):
+def test_a_user_defined_wind_may_have_random_inputs(diagrams):
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
     winds = [DrydenTurbulence(parameters=TurbulenceParameters(turbulence)) for _ in range(3)]

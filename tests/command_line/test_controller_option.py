@@ -1,4 +1,4 @@
-"""The option `--controller` accepts controllers in YAML and Drake systems in Python."""
+"""Tests that the option `--controller` accepts controllers in YAML and Drake systems in Python."""
 
 import argparse
 import re
@@ -53,17 +53,17 @@ class Whole(FleetSystem):
 
 
 @pytest.fixture
-def mine(tmp_path, request):
-    """Return the path of a file with controllers, whose module no other test has imported."""
+def controller_file(tmp_path, request):
+    """Return the path of a Python file with controllers. Each test has its own file, since modules stay imported."""
     path = tmp_path / f"controllers_{abs(hash(request.node.name))}.py"
     path.write_text(CONTROLLERS_SOURCE, encoding="utf-8")
     return path
 
 
 @pytest.fixture
-def own_folder(mine, run, monkeypatch):
-    """Change to the folder of the file with controllers, from the root folder to which the fixture `run` changes."""
-    monkeypatch.chdir(mine.parent)
+def folder_of_controller_file(controller_file, run, monkeypatch):
+    """Change to the folder of `controller_file`. (The fixture `run` changes to the root folder.)"""
+    monkeypatch.chdir(controller_file.parent)
 
 
 def arguments(**given):
@@ -75,53 +75,57 @@ def test_a_controller_in_yaml_overrides_that_of_the_scenario() -> None:
     assert scenario == load_scenario("laboratory:nominal", layers=["controllers/paper:pd"])
 
 
-def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(mine) -> None:
-    scenario = scenario_from_arguments(arguments(scenario="laboratory:nominal", controller=f"{mine}:Mine"))
+def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(controller_file) -> None:
+    scenario = scenario_from_arguments(arguments(scenario="laboratory:nominal", controller=f"{controller_file}:Mine"))
     shipped = load_scenario("laboratory:nominal")
-    assert scenario.control.position.kind == f"{mine.stem}.Mine"
+    assert scenario.control.position.kind == f"{controller_file.stem}.Mine"
     assert scenario.control.position.feed_forward == shipped.control.position.feed_forward
     assert scenario.control.network is None
     assert scenario.control.attitude == shipped.control.attitude
 
 
-def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
-    scenario = scenario_from_arguments(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
+def test_parameters_of_a_controller_in_python_can_be_set(controller_file) -> None:
+    scenario = scenario_from_arguments(
+        arguments(controller=f"{controller_file}:Mine", set=["control.position.k_p=0.75"])
+    )
     assert scenario.control.position.k_p == 0.75
 
 
-def test_sensitivities_include_the_gains_of_a_controller_in_python_by_default(mine) -> None:
+def test_sensitivities_include_the_gains_of_a_controller_in_python_by_default(controller_file) -> None:
     """Each gain of this controller is one number. Gains of shipped controllers have one number per axis."""
-    fields = default_fields(scenario_from_arguments(arguments(controller=f"{mine}:Mine")))
+    fields = default_fields(scenario_from_arguments(arguments(controller=f"{controller_file}:Mine")))
     assert "control.position.k_p" in fields
     assert "control.position.k_p.0" in default_fields(load_scenario("hover"))
 
 
-def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
-    chosen = scenario_from_arguments(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
+def test_a_scenario_with_the_controller_keeps_its_parameters(controller_file, tmp_path) -> None:
+    chosen = scenario_from_arguments(arguments(controller=f"{controller_file}:Mine", set=["control.position.k_p=0.75"]))
     save_scenario(chosen, tmp_path / "saved.yaml")
-    again = scenario_from_arguments(arguments(scenario=str(tmp_path / "saved.yaml"), controller=f"{mine}:Mine"))
+    again = scenario_from_arguments(
+        arguments(scenario=str(tmp_path / "saved.yaml"), controller=f"{controller_file}:Mine")
+    )
     assert again == chosen
 
 
-def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
-    scenario = scenario_from_arguments(arguments(controller=f"{mine}:Whole"))
-    assert scenario.control.kind == f"{mine.stem}.Whole"
+def test_a_whole_control_in_python_replaces_the_cascade(controller_file) -> None:
+    scenario = scenario_from_arguments(arguments(controller=f"{controller_file}:Whole"))
+    assert scenario.control.kind == f"{controller_file.stem}.Whole"
 
 
 @pytest.mark.parametrize(
-    ("spec", "words"),
+    ("spec", "message"),
     [
         ("{mine}:Other", "has no class Other"),
         ("{mine}", "give the class of the controller as well"),
         ("{mine}:Gains", "Gains has no output port `acceleration_command`"),
-        ("absent.py:Mine", "absent.py: is not an existing Python file"),
+        ("absent.py:Mine", "absent.py is not an existing Python file"),
     ],
 )
-def test_an_invalid_controller_is_refused_with_the_name_of_the_option(mine, spec: str, words: str) -> None:
+def test_an_invalid_controller_is_refused_with_the_name_of_the_option(controller_file, spec: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        parse_controller(spec.format(mine=mine), "hover")
-    assert str(caught.value).startswith(f"--controller {spec.format(mine=mine)}: ")
-    assert words in str(caught.value)
+        parse_controller(spec.format(mine=controller_file), "hover")
+    assert str(caught.value).startswith(f"--controller {spec.format(mine=controller_file)}: ")
+    assert message in str(caught.value)
 
 
 def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
@@ -167,7 +171,7 @@ class InDeclaration(FleetSystem):
 
 
 @pytest.mark.parametrize(
-    ("name", "words", "line"),
+    ("name", "message", "source_line"),
     [
         ("InFlight", "{file}:16: AttributeError: 'InFlight' object has no attribute 'gains'", 'self.gains["k_p"]'),
         ("InConstructor", "{file}:20: ZeroDivisionError: division by zero", "1 / 0"),
@@ -177,7 +181,7 @@ class InDeclaration(FleetSystem):
 )
 @pytest.mark.parametrize("command", [["fly"], ["compare", "--scenario"], ["study"], ["replay"]], ids=lambda c: c[0])
 def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
-    run, tmp_path, monkeypatch, request, command, name, words, line
+    run, tmp_path, monkeypatch, request, command, name, message, source_line
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = f"failing_{abs(hash(request.node.name))}.py"
@@ -187,9 +191,9 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     result = run(*command, "hover", *options)
     assert result.returncode == 2
     first, *traceback = [each for each in result.stderr.splitlines() if not each.startswith("remark: ")]
-    assert first.startswith(f"error: {words.format(file=file)}")
-    # A study prints no traceback, because its workers pass on only the message of an error.
-    assert line in "".join(traceback) or command == ["study"]
+    assert first.startswith(f"error: {message.format(file=file)}")
+    # A study prints no traceback, because its worker processes return only the message of an error.
+    assert source_line in "".join(traceback) or command == ["study"]
     assert "drake_quad" not in "".join(traceback)
 
 
@@ -206,15 +210,17 @@ def load_error_without_registered_kinds(scenario, path):
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("own_folder")
-def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_flies_it(run, mine, root) -> None:
+@pytest.mark.usefixtures("folder_of_controller_file")
+def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_flies_it(
+    run, controller_file, root
+) -> None:
     """The command in the message is complete: it flies the saved scenario."""
     for name in ("wind_shear", "ceiling_effect"):
         import_file(root / "scripts" / f"{name}.py")
-    own_parts = scenario_from_arguments(
+    scenario = scenario_from_arguments(
         arguments(
             scenario="hover",
-            controller=f"{mine}:Mine",
+            controller=f"{controller_file}:Mine",
             set=[
                 "duration=0.1",
                 "laboratory.wind=[{kind: shear, velocity: [3, 0, 0]}]",
@@ -222,36 +228,36 @@ def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_
             ],
         )
     )
-    refusal = load_error_without_registered_kinds(own_parts, Path("saved.yaml"))
-    assert refusal.startswith("saved.yaml:")
+    message = load_error_without_registered_kinds(scenario, Path("saved.yaml"))
+    assert message.startswith("saved.yaml:")
     options = Path("saved.yaml").read_text(encoding="utf-8").splitlines()[0].partition("options ")[2]
-    assert f"--controller {mine.name}:Mine" in options
-    assert " a Python file registers; name the file in the command, as in drake-quad fly" in refusal
-    assert refusal.endswith(f" drake-quad fly saved.yaml {options}")
-    words = shlex.split(refusal.partition("drake-quad ")[2])
-    result = run(*words, "--output", "flown")
+    assert f"--controller {controller_file.name}:Mine" in options
+    assert " a Python file registers; name the file in the command, as in drake-quad fly" in message
+    assert message.endswith(f" drake-quad fly saved.yaml {options}")
+    command = shlex.split(message.partition("drake-quad ")[2])
+    result = run(*command, "--output", "flown")
     assert result.returncode == 0, result.stderr
 
 
 def test_a_handwritten_scenario_with_a_kind_from_python_is_refused_with_the_option_that_imports_it(
-    mine, tmp_path
+    controller_file, tmp_path
 ) -> None:
-    parse_controller(f"{mine}:Mine", "hover")
+    parse_controller(f"{controller_file}:Mine", "hover")
     (tmp_path / "written.yaml").write_text("written: {extends: hover, control: {position: {kind: own.Mine}}}", "utf-8")
     with pytest.raises(InputError, match=r"fly \S+written.yaml --controller own.py:Mine$"):
         load_scenario(tmp_path / "written.yaml")
 
 
-@pytest.mark.usefixtures("own_folder")
-def test_a_misspelt_kind_in_a_saved_scenario_is_refused_with_the_known_kinds(mine) -> None:
+@pytest.mark.usefixtures("folder_of_controller_file")
+def test_a_misspelt_kind_in_a_saved_scenario_is_refused_with_the_known_kinds(controller_file) -> None:
     save_scenario(
-        scenario_from_arguments(arguments(controller=f"{mine}:Mine", set=["vehicle.battery_sag=0.1"])),
+        scenario_from_arguments(arguments(controller=f"{controller_file}:Mine", set=["vehicle.battery_sag=0.1"])),
         Path("saved.yaml"),
     )
     text = Path("saved.yaml").read_text(encoding="utf-8")
-    for right, wrong, words in (("kind: hover", "kind: hovr", "must be one of"), ("_sag", "_sagg", "did you mean")):
+    for right, wrong, message in (("kind: hover", "kind: hovr", "must be one of"), ("_sag", "_sagg", "did you mean")):
         Path("saved.yaml").write_text(text.replace(right, wrong), "utf-8")
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             load_scenario("saved.yaml")
 
 
@@ -260,21 +266,26 @@ def test_a_scenario_whose_kinds_are_all_shipped_is_saved_without_a_comment_on_op
     assert (tmp_path / "saved.yaml").read_text(encoding="utf-8").startswith("robustness:\n")
 
 
-def test_controllers_with_equal_names_are_distinguished_by_their_files_or_their_parameters(mine) -> None:
+def test_controllers_with_equal_names_are_distinguished_by_their_files_or_their_parameters(controller_file) -> None:
     specs = [
-        "controllers/paper:pd", "controllers/designed/laboratory:pd", f"{mine}:Mine",
-        f"{mine}:Mine control.position.k_p=0.4", f"{mine}:Mine control.position.k_p=[1, 2] vehicle.mass=0.7",
+        "controllers/paper:pd", "controllers/designed/laboratory:pd", f"{controller_file}:Mine",
+        f"{controller_file}:Mine control.position.k_p=0.4",
+        f"{controller_file}:Mine control.position.k_p=[1, 2] vehicle.mass=0.7",
     ]  # fmt: skip
     names = [each.name for each in named_controllers(specs, "hover").values()]
     assert names == ["pd", "laboratory_pd", "Mine", "Mine_k_p_0.4", "Mine_k_p_1_2_mass_0.7"]
     assert all(re.fullmatch(NAME, name) for name in names)
-    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd is given twice"):
         named_controllers(["controllers/paper:pd"] * 2, "hover")
 
 
-def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> None:
+def test_assignments_after_a_controller_apply_only_to_this_controller(controller_file) -> None:
     """The assignments also take precedence over `--set`, which applies to all controllers."""
-    specs = [f"{mine}:Mine", f"{mine}:Mine control.position.k_p=0.4", "controllers/paper:pd control.position.k_p.0=3"]
+    specs = [
+        f"{controller_file}:Mine",
+        f"{controller_file}:Mine control.position.k_p=0.4",
+        "controllers/paper:pd control.position.k_p.0=3",
+    ]
     first, second, third = controlled_scenarios(arguments(controller=specs)).values()
     assert (first.control.position.k_p, second.control.position.k_p) == (0.2, 0.4)
     assert third.control.position.k_p[0] == 3.0
@@ -314,25 +325,25 @@ replacing: {control: {thrust_vectoring: {max_tilt: 0.55}}, vehicle: {mass: 0.7}}
         ("{mine}:Mine", ["control.position.k_p=0.75"], []),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("loads_several", [False, True])
+@pytest.mark.parametrize("several_controllers", [False, True])
 def test_a_controller_keeps_each_distribution_or_a_remark_names_it(
-    controller, overrides, replaced, loads_several, mine, tmp_path, monkeypatch, capsys
+    controller, overrides, replaced, several_controllers, controller_file, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drawn.yaml").write_text(RANDOM_SCENARIO, encoding="utf-8")
-    spec, drawn = controller.format(mine=mine), "drawn.yaml:drawn"
-    if loads_several:
+    spec, drawn = controller.format(mine=controller_file), "drawn.yaml:drawn"
+    if several_controllers:
         (scenario,) = controlled_scenarios(arguments(controller=[spec], set=overrides), drawn).values()
     else:
         scenario = scenario_from_arguments(arguments(scenario=drawn, controller=spec, set=overrides))
     printed = capsys.readouterr().err
-    named = f"remark: --controller {spec} replaces random parameters of {drawn} by fixed values: "
-    assert printed.startswith(named if replaced else "")
+    remark = f"remark: --controller {spec} replaces random parameters of {drawn} by fixed values: "
+    assert printed.startswith(remark if replaced else "")
     assert bool(printed) == bool(replaced)
-    assert all(words in printed for words in replaced)
-    given = [override.partition("=")[0] for override in overrides]
+    assert all(replacement in printed for replacement in replaced)
+    overridden_paths = [override.partition("=")[0] for override in overrides]
     for path in distributions_in(load_scenario(drawn)):
-        assert path in distributions_in(scenario) or f" {path} " in printed or path in given
+        assert path in distributions_in(scenario) or f" {path} " in printed or path in overridden_paths
 
 
 COMMANDS_WITH_CONTROLLER = (
@@ -347,20 +358,29 @@ def test_each_command_that_flies_designs_or_judges_has_the_controller_option(com
     assert "--controller" in module.options().format_help()
 
 
-def test_judge_refuses_a_controller_that_is_given_twice(mine) -> None:
+def test_judge_refuses_a_controller_that_is_given_twice(controller_file) -> None:
     from drake_quad.command_line.judge import user_controllers
 
-    found = user_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
-    assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
+    result = user_controllers([f"{controller_file}:Mine", "controllers/lqg:lqg"])
+    assert [each.name for each in result] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in CONTROLLER_NAMES
     assert CONTROLLER_NAMES["Mine"] == "Mine"
-    with pytest.raises(InputError, match=f"--controller {mine}:Mine: is given twice"):
-        user_controllers([f"{mine}:Mine", f"{mine}:Mine"])
+    with pytest.raises(InputError, match=f"--controller {controller_file}:Mine is given twice"):
+        user_controllers([f"{controller_file}:Mine", f"{controller_file}:Mine"])
 
 
 @pytest.mark.long
-def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine, tmp_path) -> None:
-    command_line = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
+def test_a_controller_in_python_is_judged_together_with_designed_ones(run, controller_file, tmp_path) -> None:
+    command_line = [
+        "judge",
+        "--quick",
+        "--family",
+        "outdoor",
+        "--only",
+        "pd",
+        "--controller",
+        f"{controller_file}:Mine",
+    ]
     result = run(*command_line, "--output", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "\nMine " in result.stdout
@@ -368,11 +388,11 @@ def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine,
 
 
 @pytest.mark.long
-def test_the_fly_command_that_a_study_prints_for_its_worst_sample_works(run, mine, tmp_path) -> None:
-    result = run("study", "hover", "--controller", f"{mine}:Mine", "--samples", 2, "--workers", 1,
+def test_the_fly_command_that_a_study_prints_for_its_worst_sample_works(run, controller_file, tmp_path) -> None:
+    result = run("study", "hover", "--controller", f"{controller_file}:Mine", "--samples", 2, "--workers", 1,
                  "--set", "duration=0.5", "--set", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}",
                  "--output", tmp_path)  # fmt: skip
     assert result.returncode == 0, result.stderr
     command = next(line for line in result.stdout.splitlines() if "drake-quad fly" in line)
-    words = command.split("drake-quad ")[1].split()
-    assert run(*words, "--output", tmp_path / "flown").returncode == 0
+    command_line = command.split("drake-quad ")[1].split()
+    assert run(*command_line, "--output", tmp_path / "flown").returncode == 0

@@ -22,8 +22,11 @@ drone:
 
 
 @pytest.fixture
-def reserved(tmp_path, monkeypatch):
-    """Return a function that returns the default folder of a command for a file with a vehicle called `drone`."""
+def reserve_folder(tmp_path, monkeypatch):
+    """Return a function that reserves the output folder of a command for a vehicle file, and returns the folder.
+
+    The vehicle in the file is called `drone`.
+    """
     monkeypatch.chdir(tmp_path)
 
     def call(file, mass=None, *, output=None):
@@ -37,42 +40,42 @@ def reserved(tmp_path, monkeypatch):
     return call
 
 
-def test_a_folder_of_another_vehicle_with_the_same_name_is_not_overwritten(reserved):
-    assert reserved("a/mine.yaml", 0.6) == Path("out/gains/drone")
+def test_a_folder_of_another_vehicle_with_the_same_name_is_not_overwritten(reserve_folder):
+    assert reserve_folder("a/mine.yaml", 0.6) == Path("out/gains/drone")
     with pytest.raises(InputError) as caught:
-        reserved("b/mine.yaml", 0.8)
+        reserve_folder("b/mine.yaml", 0.8)
     assert str(caught.value) == (
         "out/gains/drone was written for a/mine.yaml:drone, not for b/mine.yaml:drone; choose another --output"
     )
-    assert reserved("b/mine.yaml", output=Path("there")) == Path("there")
+    assert reserve_folder("b/mine.yaml", output=Path("there")) == Path("there")
 
 
-def test_a_folder_is_reused_for_an_edited_vehicle_and_for_the_same_vehicle_in_another_file(reserved):
-    reserved("a/mine.yaml", 0.6)
-    reserved("a/mine.yaml", 0.7)
-    reserved("copies/mine.yaml", 0.7)
+def test_a_folder_is_reused_for_an_edited_vehicle_and_for_the_same_vehicle_in_another_file(reserve_folder):
+    reserve_folder("a/mine.yaml", 0.6)
+    reserve_folder("a/mine.yaml", 0.7)
+    reserve_folder("copies/mine.yaml", 0.7)
     with pytest.raises(InputError, match="was written for copies/mine.yaml:drone"):
-        reserved("a/mine.yaml", 0.8)
+        reserve_folder("a/mine.yaml", 0.8)
 
 
-def test_a_scenario_that_a_command_has_written_shares_the_folders_of_the_input_of_that_command(reserved):
-    """If a vehicle is edited, designed again and flown from the written scenario, its folders stay the same."""
+def test_a_scenario_that_a_command_wrote_has_the_same_output_folder_as_the_input_of_that_command(reserve_folder):
+    """The folder stays the same if the vehicle is edited and the command writes the scenario again."""
     for mass in (0.6, 0.7):
-        folder = reserved("a/mine.yaml", mass)
+        folder = reserve_folder("a/mine.yaml", mass)
         save_scenario(load_undesigned("a/mine.yaml"), folder / "scenario.yaml")
-        assert reserved("out/gains/drone/scenario.yaml") == folder
+        assert reserve_folder("out/gains/drone/scenario.yaml") == folder
     with pytest.raises(InputError, match="was written for a/mine.yaml:drone"):
-        reserved("b/mine.yaml", 0.9)
+        reserve_folder("b/mine.yaml", 0.9)
 
 
-def test_a_folder_without_a_readable_record_may_be_used(reserved):
+def test_a_folder_without_a_readable_record_may_be_used(reserve_folder):
     folder = Path("out/gains/drone")
     folder.mkdir(parents=True)
-    reserved("a/mine.yaml", 0.6)
+    reserve_folder("a/mine.yaml", 0.6)
     (folder / ".input").write_bytes(b"\xff")
-    assert reserved("b/mine.yaml", 0.8) == folder
+    assert reserve_folder("b/mine.yaml", 0.8) == folder
     (folder / ".input").unlink()
-    assert reserved("a/mine.yaml", 0.6) == folder
+    assert reserve_folder("a/mine.yaml", 0.6) == folder
 
 
 def test_a_vehicle_that_is_identified_from_another_log_of_the_same_name_is_not_overwritten(tmp_path, monkeypatch):

@@ -33,7 +33,7 @@ from drake_quad.space.space import Obstacle, Space
 
 @pytest.fixture
 def designed(replaced):  # noqa: F811
-    """Let the command `design` use a stub that returns constant gains, and return all recorded calls of stubs."""
+    """Replace the computations of the command `design` by stubs with constant gains, and return the recorded calls."""
 
     def design(scenario, *_, on_board, integral):
         rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}
@@ -87,13 +87,13 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
 
 def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
-    found = SimpleNamespace(
+    actual = SimpleNamespace(
         ranges=["mass"], stable_scale=1.234, unstable=SimpleNamespace(values={"mass": 1.0}, scale=1.3),
-        lost=SimpleNamespace(values={}, scale=float("inf")), gap=0.05, num_cells=7,
+        without_equilibrium=SimpleNamespace(values={}, scale=float("inf")), gap=0.05, num_cells=7,
     )  # fmt: skip
     certified = []
     monkeypatch.setattr(
-        "drake_quad.command_line.design.certify_hover", lambda scenario: certified.append(scenario) or found
+        "drake_quad.command_line.design.certify_hover", lambda scenario: certified.append(scenario) or actual
     )
     drawn = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     result = run("design", "hover", "--set", drawn, "--certify", "--output", tmp_path)
@@ -111,10 +111,10 @@ def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch,
 def test_the_integral_gains_of_a_pid_are_designed(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [1, 1, 1]}"
-    for number, (more, integral) in enumerate(
+    for number, (options, integral) in enumerate(
         ((["--integral", 0.25], 0.25), (["--set", pid], 0.15), (["--set", pid, "--integral", 0.5], 0.5))
     ):
-        assert run("design", "hover", *more, "--output", tmp_path).returncode == 0
+        assert run("design", "hover", *options, "--output", tmp_path).returncode == 0
         (scenario, _), named = designed["design_cascade"][number]
         assert (scenario.control.position.kind, named["integral"]) == ("pid", integral)
         saved = load_scenario(tmp_path / "scenario.yaml").control.position
@@ -141,16 +141,16 @@ def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides,
         "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
     )
     remarks = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
-    words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
+    words = r"will hover \d+ cm from its reference, because .*; --integral adds one to the position loops"
     assert [bool(re.search(words, sentence)) for sentence in remarks] == [True] * is_remarked
 
 
 @pytest.mark.parametrize("scenario", ["onboard", "hover"])
 def test_a_remark_suggests_lqr_if_a_slow_pole_on_board_limits_a_loop(scenario):
     limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
-    design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
+    design = CascadeDesign({axis: SimpleNamespace(limits=axis_limits) for axis, axis_limits in limits.items()})
     remarks = design_remarks(design, load_scenario(scenario))
-    assert [sentence.partition(", and not")[0] for sentence in remarks] == (
+    assert [sentence.partition(", rather than")[0] for sentence in remarks] == (
         ["a slow pole of the loops on board limits x, y"] if scenario == "onboard" else []
     )
     assert all("--method lqr" in sentence for sentence in remarks)
@@ -179,8 +179,8 @@ def test_gains_are_designed_for_the_median_vehicle_and_for_its_autopilot(run, de
 
 def test_a_regulator_is_designed_within_the_requested_limits(run, replaced, tmp_path):  # noqa: F811
     control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
-    found = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
-    calls = replaced("design_lqg", design_lqg=found, link_margins="margins", print_margins=None)
+    actual = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
+    calls = replaced("design_lqg", design_lqg=actual, link_margins="margins", print_margins=None)
     limits = ["--sensitivity", 2.5, "--delay-margin", 0.04, "--snap", 30, "--acceleration", 2]
     result = run("design-lqg", "laboratory:low_wind", *limits, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -320,21 +320,21 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     }
     motors = SimpleNamespace(take_throttles=True, voltage=11.1)
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
-    found = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
-    predictions = SimpleNamespace(losses=lambda vehicle: f"{vehicle} loses")
+    actual = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
+    predictions = SimpleNamespace(remark_on_worse_predictions=lambda vehicle: f"{vehicle} loses")
     prints = dict.fromkeys(
         ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
     )
     calls = replaced(
-        "identify", read_log=lambda log, mapping: records[log.name], identify=found, predict="prediction",
+        "identify", read_log=lambda log, mapping: records[log.name], identify=actual, predict="prediction",
         concatenate_predictions=predictions, write_vehicle=None,
         save_figures=lambda figures, folder, vector: [*figures], **prints,
     )  # fmt: skip
     for name in ("fit", "residuals", "correlations", "predictions"):
         calls |= replaced("identify.plots", **{f"plot_{name}": name})
     calls |= replaced("identify.plots", plot_thrust=None)
-    mine = tmp_path / "mine.yaml"
-    options = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
+    vehicle_file = tmp_path / "mine.yaml"
+    options = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", vehicle_file]
     result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *options)
     assert (result.returncode, result.stderr) == (0, "remark: identified loses\n")
     ((logs, base), named) = calls["identify"][0]
@@ -342,12 +342,12 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert all((log.wind == [1.0, 0.0, 0.0]).all() for log in logs)
     assert (base.nominal.mass, base.vehicle.linear_drag) == (0.55, 0.1)
     assert named == {"held_out_fraction": pytest.approx(1.0 / 3.0)}
-    assert [(log.name, [*vehicles.values()], more["final_fraction"]) for (log, vehicles), more in calls["predict"]] == [
-        (name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"
-    ]
-    assert all(more["nominal"] is base for _, more in calls["predict"])
+    assert [
+        (log.name, [*vehicles.values()], keywords["final_fraction"]) for (log, vehicles), keywords in calls["predict"]
+    ] == [(name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"]
+    assert all(keywords["nominal"] is base for _, keywords in calls["predict"])
     ((path, name, estimates), named) = calls["write_vehicle"][0]
-    assert (path, name, estimates, named["base"]) == (mine, "mine", "estimates", "vehicles/hummingbird")
+    assert (path, name, estimates, named["base"]) == (vehicle_file, "mine", "estimates", "vehicles/hummingbird")
     assert named["nominal"] is False
     assert named["overrides"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve refers to this voltage of the battery.
@@ -359,7 +359,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert "the initial vehicle is vehicles/hummingbird\n" in result.stdout
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     # A thrust curve that was not identified is not plotted.
-    assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
+    assert written == [str(vehicle_file), "fit", "residuals", "correlations", "predictions"]
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
     # If the logs contain no throttles, the identified vehicle has motors of the same type as before.
@@ -375,8 +375,8 @@ def test_an_initial_vehicle_with_a_distribution_is_refused():
 
 
 def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, monkeypatch):
-    shown = []
-    monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown.append(arguments))
+    shown_warnings = []
+    monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown_warnings.append(arguments))
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -388,7 +388,7 @@ def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, mo
 
     running.run(command)
     assert capsys.readouterr().err == "remark: rock.obj: is large\n"
-    ((message, category, *where),) = shown
+    ((message, category, *where),) = shown_warnings
     assert (str(message), category, where) == ("of another kind", RuntimeWarning, ["file.py", 4])
 
 
@@ -411,14 +411,14 @@ def test_ctrl_c_during_imports_ends_a_command_with_one_sentence(capsys, monkeypa
 
 
 def test_a_crash_is_printed_before_the_sensitivities(run, replaced, tmp_path):  # noqa: F811
-    found = SimpleNamespace(
+    actual = SimpleNamespace(
         fields=("a",), values=np.ones(1), crash_time=1.25, metrics={"rmse": 0.5}, gradients={"rmse": np.ones(1)}
     )
-    replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=["b.png"])
+    replaced("sensitivities", flight_sensitivities=actual, plot_sensitivities=None, save_figures=["b.png"])
     result = run("sensitivities", "hover", "--output", tmp_path)
     assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives refer to the flight until then\n")
     assert result.stdout.endswith(f"wrote\n  {tmp_path / 'sensitivities.csv'}\n  b.png\n")
-    found.crash_time = math.inf
+    actual.crash_time = math.inf
     assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout
 
 

@@ -1,4 +1,4 @@
-"""Command that exports controllers, and flights of exported code."""
+"""Tests of the command that exports controllers, and of flights with exported code."""
 
 import shutil
 
@@ -30,16 +30,16 @@ def test_exported_code_can_be_the_controller_in_every_command(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
-        (["export", "hover", "--name", "a b"], "name is 'a b'; it must be an identifier of C"),
+        (["export", "hover", "--name", "a b"], "name is 'a b'; it must be a C identifier"),
         (["export", "onboard", "--mixer"], "mixer: the controller of onboard commands an attitude"),
         (["fly", "hover", "--on", "qemu-cortex-m7"], "--on qemu-cortex-m7 needs --controller FOLDER"),
         (["fly", "hover", "--controller", "."], "contains no exported controller"),
     ],
 )
-def test_wrong_options_are_refused(arguments, words, run, tmp_path):
+def test_wrong_options_are_refused(arguments, message, run, tmp_path):
     result = run(*arguments, "--output", tmp_path / "new")
     assert result.returncode == 2
-    assert words in result.stderr
+    assert message in result.stderr
     assert not (tmp_path / "new").exists()

@@ -1,4 +1,4 @@
-"""The command `drake-quad` itself: help, versions, completion, list of shipped scenarios, and interruptions."""
+"""Tests of the command `drake-quad` itself: help, versions, completion, shipped scenarios and interruptions."""
 
 import os
 import shutil
@@ -82,19 +82,19 @@ def test_versions_are_printed(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["flyy"], "error: there is no command called 'flyy'; did you mean fly?"),
         (["fly", "--no-such-option"], "error: drake-quad fly has no option --no-such-option; `drake-quad fly --help`"),
     ],
 )
-def test_an_unknown_command_is_reported_in_one_sentence_with_status_2(monkeypatch, capsys, arguments, words):
+def test_an_unknown_command_is_reported_in_one_sentence_with_status_2(monkeypatch, capsys, arguments, message):
     monkeypatch.setattr(sys, "argv", ["drake-quad", *arguments])
     with pytest.raises(SystemExit) as stop:
         main()
     printed = capsys.readouterr()
     assert (stop.value.code, printed.out) == (2, "")
-    assert words in printed.err
+    assert message in printed.err
 
 
 def test_a_printed_scenario_is_a_complete_file(run, tmp_path):
@@ -113,7 +113,7 @@ def test_all_shipped_scenarios_are_listed(run):
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on PATH")
 @pytest.mark.parametrize(
-    ("words", "completed"),
+    ("message", "completed"),
     [
         (["drake-quad", "rep"], {"replay", "replicate"}),
         (["drake-quad", "fly", "laboratory:h"], {"laboratory:high_wind"}),
@@ -122,20 +122,22 @@ def test_all_shipped_scenarios_are_listed(run):
         (["drake-quad", "compare", "--controller", "controllers/l"], None),
     ],
 )
-def test_bash_completes_commands_options_and_names(run, tmp_path, words, completed):
+def test_bash_completes_commands_options_and_names(run, tmp_path, message, completed):
     (tmp_path / "script").write_text(run("completion", "bash").stdout, encoding="utf-8")
-    line = " ".join(words)
-    ask = f"""
+    line = " ".join(message)
+    program = f"""
 source {tmp_path / "script"}
-COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; COMP_LINE="{line}"; COMP_POINT={len(line)}
-_shtab_drake_quad drake-quad "{words[-1]}" "{words[-2]}"
+COMP_WORDS=({line}); COMP_CWORD={len(message) - 1}; COMP_LINE="{line}"; COMP_POINT={len(line)}
+_shtab_drake_quad drake-quad "{message[-1]}" "{message[-2]}"
 printf "%s\\n" "${{COMPREPLY[@]}}"
 """
-    found = subprocess.run(["bash", "-c", ask], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
+    result = subprocess.run(
+        ["bash", "-c", program], cwd=tmp_path, check=True, capture_output=True, text=True
+    ).stdout.split()
     if completed is None:
-        completed = {name for name in shipped_scenarios() if name.startswith(words[-1])}
+        completed = {name for name in shipped_scenarios() if name.startswith(message[-1])}
         assert completed
-    assert {*found} == completed
+    assert {*result} == completed
 
 
 # This program interrupts a command when it imports a given module.
@@ -189,7 +191,7 @@ def test_an_input_warning_is_printed_as_a_remark():
 
 
 def test_an_interruption_after_the_imports_raises_keyboard_interrupt(run):
-    """The computation can then clean up, since nothing ends the process at once."""
+    """A computation can then clean up before the process ends."""
     run("scenarios")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 

@@ -1,4 +1,4 @@
-"""The command `map` with `--vary`: maps of flights over two fields."""
+"""Tests of the command `map` with `--vary`, which draws maps of flights over two fields."""
 
 import numpy as np
 import pytest
@@ -34,20 +34,20 @@ def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (VARIED[:4], "--vary is given 1 times, but a map has two axes; give it twice"),
         ([*VARIED, "--k-p", "0", "1"], "--k-p is an option of maps of gains; leave it out with --vary"),
         ([*VARIED, "--loop", "attitude"], "--loop is an option of maps of gains; leave it out with --vary"),
-        ([*VARIED, "--metric", "height"], "--metric height: is not a metric of upset"),
+        ([*VARIED, "--metric", "height"], "--metric: height is not a metric of upset"),
         ([*VARIED[:4], "--vary", "initial.attitude.0", "-1", "1"], "both axes of the map are initial.attitude.0"),
         ([*VARIED[:4], "--vary", "initial.attitude.0", "1", "-1"], "initial.attitude.0"),
         ([*VARIED[:4], "--vary", "vehicle.masss", "1", "2"], "masss"),
         (controllers("pd", "indi"), "a map of gains has one controller; give --controller once"),
     ],
 )
-def test_invalid_axes_of_a_map_are_refused(run, tmp_path, words, message):
-    result = run("map", "upset", *words, "--size", 2, "--output", tmp_path)
+def test_invalid_axes_of_a_map_are_refused(run, tmp_path, arguments, message):
+    result = run("map", "upset", *arguments, "--size", 2, "--output", tmp_path)
     assert result.returncode == 2
     assert message in result.stderr
     assert not [*tmp_path.iterdir()]

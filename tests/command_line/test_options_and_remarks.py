@@ -1,4 +1,4 @@
-"""Options that commands share, remarks that they print before a flight, and progress bars."""
+"""Tests of options that commands share, of remarks that they print before a flight, and of progress bars."""
 
 import argparse
 import math
@@ -18,7 +18,7 @@ from drake_quad.logs.record import FlightRecord
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
-# Commands for a scenario that write no files, and commands without a scenario.
+# These commands take a scenario, but write no files.
 COMMANDS_WITHOUT_FILES = {"scenarios"}
 COMMANDS_WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "estimate", "completion"}
 COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol", "estimate",
@@ -60,24 +60,24 @@ def test_folders_are_named_after_the_command_by_default():
 
 
 @pytest.fixture
-def remarkable(monkeypatch):
+def scenario_with_remark(monkeypatch):
     monkeypatch.setattr("drake_quad.command_line.flight_remarks.flight_remarks", lambda _: ("it has a remark",))
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("remarkable")
+@pytest.mark.usefixtures("scenario_with_remark")
 def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, simulated, tmp_path):  # noqa: F811
     crash = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
     replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=[])
     replaced("compare_log", read_log=FlightRecord("a", np.arange(3.0)), compare_with_log=None, print_comparison=None)
     replaced("compare_log", save_comparison=[])
     replaced("replay", simulate_samples=lambda _, samples: [crash] * len(samples), save_swarm=None)
-    found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
-    replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=[])
+    actual = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
+    replaced("sensitivities", flight_sensitivities=actual, plot_sensitivities=None, save_figures=[])
     replaced("sensitivities", write_sensitivities="file")
     replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
-    for words in (
+    for command_line in (
         ["compare", "--scenario", "robustness", *two],
         ["compare-log", "log.csv", "robustness"],
         ["replay", "robustness", *two],
@@ -85,13 +85,13 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
         ["study", "robustness", *two, "--samples", 3, "--workers", 1],
         ["fly", "hover"],
     ):
-        result = run(*words, "--output", tmp_path)
+        result = run(*command_line, "--output", tmp_path)
         assert (result.returncode, result.stderr) == (0, "remark: it has a remark\n")
 
 
 @pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
-def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
-    """The remark says that the wind has no effect. The design function is replaced by one that raises an error."""
+def test_design_commands_print_remarks_on_the_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
+    """The remark says that the wind has no effect. The design function is a stub that raises an error."""
     module = command_module(command)
     function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
 
@@ -107,11 +107,11 @@ def test_designs_remark_on_their_scenario_before_they_design(command, replaced, 
 
 def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, simulated, tmp_path):  # noqa: F811
     calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
-    for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
+    for options, rate in (([], 1.0), (["--rate", 0], 0.0)):
         calls["show_replay"].clear()
         calls["live_view"].clear()
         simulated["simulate"].clear()
-        assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
+        assert run("fly", "robustness", "--sample", 3, "--meshcat", *options, "--output", tmp_path).returncode == 0
         (((meshcat, drawn, plan, given), _),) = calls["live_view"]
         assert (meshcat, given) == ("a browser", rate)
         # The view shows the vehicle of the sample.
@@ -155,15 +155,15 @@ def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, m
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)),
         identify=SimpleNamespace(estimates=None, vehicle=vehicle), write_vehicle=None, save_figures=[],
-        predict_held_out=SimpleNamespace(losses=lambda _: ""), **prints,
+        predict_held_out=SimpleNamespace(remark_on_worse_predictions=lambda _: ""), **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)
-    made = []
-    monkeypatch.setattr(identify, "output_folder", lambda folder: made.append(folder) or folder)
+    folders = []
+    monkeypatch.setattr(identify, "output_folder", lambda folder: folders.append(folder) or folder)
     result = run("identify", "logs/flight 7.csv", "--vehicle", "vehicles/hummingbird")
     assert written(result) == ["out/identified/flight_7.yaml"]
-    assert made == [Path("out/identified"), Path("out/identified/flight_7")]
+    assert folders == [Path("out/identified"), Path("out/identified/flight_7")]
     assert run("identify", "a.csv", "--vehicle", "hover", "--output", tmp_path / "mine.yml").returncode == 0
 
 
@@ -182,9 +182,9 @@ def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypa
             progress()
         return []
 
-    findings = SimpleNamespace(entries=[], claims=[])
+    results = SimpleNamespace(entries=[], claims=[])
     replaced(
-        "replicate", fly_experiment=None, read_experiment=None, collect_findings=findings, write_report=write_report
+        "replicate", fly_experiment=None, read_experiment=None, collect_findings=results, write_report=write_report
     )
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
     assert bars[-1].n == bars[-1].total == len(CAPTIONS)
@@ -195,18 +195,18 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     numbers = (("mass", 0.68, 0.02, 0.9), ("linear_drag", 0.2, 0.05, 0.5), ("gravity", 9.8, 0.01, 0.3))
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
     scenario = load_scenario("hover", [shared.format(*each) for each in numbers] + [obstacle])
-    found = studied(scenario, 4, crashed=[1, 2])
-    found = type(found)(
-        scenario, 10.0, found.samples, found.parameters, found.metrics, obstacle_hit=np.array([0, 1, 0, 0])
+    result = studied(scenario, 4, crashed=[1, 2])
+    result = type(result)(
+        scenario, 10.0, result.samples, result.parameters, result.metrics, obstacle_hit=np.array([0, 1, 0, 0])
     )
-    study.print_study("mine", found, tmp_path, "compiled")
+    study.print_study("mine", result, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text
     assert "means and standard deviations are taken over the 2 samples without a crash" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
     assert "crashed into post at 3.00 s" in text
-    empty = type(found)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
+    empty = type(result)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
     study.print_study("mine", empty, tmp_path, "compiled")
     assert "worst samples:" not in capsys.readouterr().out
     study.print_rate({"a": studied(scenario, 4, simulated_time=0.5)}, 0.25)
@@ -220,9 +220,9 @@ def test_the_command_draw_shows_the_diagram_of_the_first_sample(run, replaced, t
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """Later overrides have priority, so `--set` cannot change the worst case of a map that `--worst` defines."""
+    """Later overrides have priority, so `--set` cannot change the worst case that `--worst` defines for a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
-    scenario = scenario_from_arguments(arguments, further=parse_overrides(["duration=2"], "--worst"))
+    scenario = scenario_from_arguments(arguments, extra_overrides=parse_overrides(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)
     assert scenario_from_arguments(arguments).duration == 3.0
 

@@ -17,7 +17,7 @@ from drake_quad.command_line.main import COMMANDS, command_module
         (["map", "--k-p", "-1", "2", "--quik"], "drake-quad map has no option --quik; did you mean --quick?"),
         (["fly", "--zzz"], "drake-quad fly has no option --zzz; `drake-quad fly --help` describes all arguments"),
         (["fly", "hover", "2"], "drake-quad fly does not take the argument '2'; `drake-quad fly --help` describes"),
-        (["study", "--metric", "rmsee"], "--metric rmsee: is not a metric of robustness; did you mean rmse?"),
+        (["study", "--metric", "rmsee"], "--metric: rmsee is not a metric of robustness; did you mean rmse?"),
         (["fly", "--vector", "tiff"], "there is no value of --vector called 'tiff'; there are pdf, svg"),
         (["completion", "bsh"], "there is no shell called 'bsh'; did you mean bash"),
         (["study", "--samples"], "--samples: expected one argument"),
@@ -29,7 +29,7 @@ from drake_quad.command_line.main import COMMANDS, command_module
         (["fly", "hovr"], "'hovr' is neither a file nor a shipped scenario; did you mean hover?"),
         (["fly", "laboratory:hgh_wind"], "no scenario 'hgh_wind' in .* contains .*; did you mean high_wind[?]"),
         (["fly", "--controller", "controllers/lqg:lqgg"], "no scenario 'lqgg' in .*; did you mean lqg[?]"),
-        (["fly", "--import", "absent.py"], "--import absent.py: is not an existing Python file"),
+        (["fly", "--import", "absent.py"], "--import absent.py is not an existing Python file"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_reported_in_one_sentence_with_the_nearest_name(run, arguments, sentence):

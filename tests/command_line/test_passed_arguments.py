@@ -1,4 +1,4 @@
-"""Commands pass the arguments of the command line on to the computations, which these tests replace."""
+"""Tests that commands pass their arguments on to the computations, which are replaced by stubs."""
 
 import argparse
 import io
@@ -29,11 +29,11 @@ from drake_quad.command_line import (
 )
 from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
-from drake_quad.design.gains import PolePair, RegulatorRequirements
+from drake_quad.design.gains import OutputRegulator, PolePair
 from drake_quad.design.tuning import Budget, TuningParameter
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED_DESIGNS
+from drake_quad.evaluation.results import SENSITIVITY_VARIANTS
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.logs.record import FlightRecord
@@ -59,10 +59,10 @@ def metrics_of(count, crashed=()):
 
 @pytest.fixture
 def replaced(monkeypatch):
-    """Return a function that replaces functions of a command and records the arguments of their calls."""
+    """Return a function that replaces functions of a command by stubs and records the arguments of their calls."""
     calls = {}
 
-    def kept(name, result):
+    def stub_of(name, result):
         calls[name] = []
 
         def call(*arguments, **named):
@@ -73,7 +73,7 @@ def replaced(monkeypatch):
 
     def replace(command, **results):
         for name, result in results.items():
-            monkeypatch.setattr(f"{COMMAND_PACKAGE}.{command}.{name}", kept(name, result))
+            monkeypatch.setattr(f"{COMMAND_PACKAGE}.{command}.{name}", stub_of(name, result))
         return calls
 
     return replace
@@ -82,7 +82,7 @@ def replaced(monkeypatch):
 def test_controllers_are_compared_on_the_requested_number_of_samples(run, replaced, tmp_path):
     calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=["comparison.png"])
     one = ["compare", "--scenario", "hover", "--controller", "controllers/paper:pd", "--output", tmp_path]
-    for more, count, compiled, duration in (
+    for more_options, count, compiled, duration in (
         ([], 20, True, load_scenario("hover").duration),
         (["--quick"], 4, True, 6.0),
         (["--quick", "--samples", 7, "--wired", "--set", "duration=2"], 7, False, 2.0),
@@ -90,7 +90,7 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
         (["--samples", 1], 1, True, load_scenario("hover").duration),
     ):
         calls["fly_samples"].clear()
-        result = run(*one, *more)
+        result = run(*one, *more_options)
         assert result.returncode == 0
         assert written(result) == [str(tmp_path / "comparison.csv"), "comparison.png"]
         assert result.stdout.startswith(f"mean ± standard deviation over {count} samples; ")
@@ -101,19 +101,19 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
 
 def test_each_controller_is_combined_with_each_laboratory():
     arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
-    found = compare.scenarios_from_arguments(arguments)
+    result = compare.scenarios_from_arguments(arguments)
     names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
-    assert {place: [*each] for place, each in found.items()} == dict.fromkeys(
+    assert {laboratory: [*each] for laboratory, each in result.items()} == dict.fromkeys(
         ("nominal", "low_wind", "high_wind"), names
     )
-    for place, each in found.items():
+    for laboratory, each in result.items():
         for name, scenario in each.items():
-            assert (scenario.name, scenario.duration, scenario.seed, scenario.vehicle.mass) == (place, 6.0, 3, 0.7)
+            assert (scenario.name, scenario.duration, scenario.seed, scenario.vehicle.mass) == (laboratory, 6.0, 3, 0.7)
             assert (scenario.control.network is not None) == ("fnn" in name)
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd is given twice"):
         compare.scenarios_from_arguments(twice)
 
 
@@ -141,10 +141,10 @@ def test_replayed_samples_begin_with_the_given_one(run, replaced, tmp_path):
 
 
 def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
-    found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
+    result = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
     calls = replaced(
         "sensitivities",
-        flight_sensitivities=found,
+        flight_sensitivities=result,
         plot_sensitivities=None,
         save_figures=[],
         write_sensitivities="file",
@@ -153,7 +153,7 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
     assert run("sensitivities", "hover", *fields, "--sample", 4, "--output", tmp_path).returncode == 0
     ((scenario, fields), named) = calls["flight_sensitivities"][0]
     assert (scenario.name, fields, named) == ("hover", ("vehicle.mass", "vehicle.gravity"), {"sample": 4})
-    assert calls["plot_sensitivities"] == [((found, "rmse"), {})]
+    assert calls["plot_sensitivities"] == [((result, "rmse"), {})]
     assert run("sensitivities", "hover", "--output", tmp_path).returncode == 0
     assert "vehicle.arm_length" in calls["flight_sensitivities"][1][0][1]
 
@@ -161,24 +161,34 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
 @pytest.mark.parametrize(("loop", "block", "axis"), [("position", "position", 0), ("attitude", "attitude", 1)])
 def test_gains_are_mapped_around_the_gains_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
-    own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
-    command_line = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
+    gain_overrides = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
+    command_line = [
+        "hover",
+        "--loop",
+        loop,
+        "--set",
+        gain_overrides[0],
+        "--set",
+        gain_overrides[1],
+        "--output",
+        tmp_path,
+    ]
     result = run("map", *command_line)
     assert result.returncode == 0
     assert written(result) == ["file"]
     assert len(calls["print_panel"]) == 2
-    scenario = load_scenario("hover", own)
+    scenario = load_scenario("hover", gain_overrides)
     (nominal, worst), (((panels, k_p, k_d), named),) = calls["panel"], calls["plot_map"]
     assert panels == ["a panel"] * 2
     first, second = 1.5 + axis, 4.5 + axis
     np.testing.assert_allclose(k_p, np.linspace(0.05 * first, 3.0 * first, 40))
     np.testing.assert_allclose(k_d, np.linspace(0.05 * second, 3.0 * second, 40))
     assert (named["marked"], named["loop"]) == ((first, second), loop)
-    for (arguments, more), case in zip((nominal, worst), calls["panel"], strict=True):
+    for (arguments, keywords), case in zip((nominal, worst), calls["panel"], strict=True):
         assert arguments[2] == loop
         np.testing.assert_array_equal(arguments[3], k_p)
         np.testing.assert_array_equal(arguments[4], k_d)
-        assert more == {"compiled": True}
+        assert keywords == {"compiled": True}
         assert case[0] is arguments
     assert (nominal[0][0], nominal[0][1]) == ("nominal", scenario)
     lag, delay = scenario.vehicle.rotor_time_constant, scenario.laboratory.command_link.delay_ticks
@@ -203,10 +213,10 @@ def test_a_quick_map_is_small_and_short_and_its_worst_case_can_be_named(run, rep
     assert run("map", "hover", "--quick", "--set", "duration=2", "--size", 3, "--output", tmp_path).returncode == 0
     assert calls["panel"][0][0][1].duration == 2.0
     assert len(calls["panel"][0][0][3]) == 3
-    # A delay is at most fifty ticks.
+    # The worst case adds no delay here, since the link already has the largest possible delay of fifty ticks.
     calls["panel"].clear()
-    late = ["--set", "laboratory.command_link.delay_ticks=50"]
-    assert run("map", "hover", "--quick", *late, "--output", tmp_path).returncode == 0
+    delay_override = ["--set", "laboratory.command_link.delay_ticks=50"]
+    assert run("map", "hover", "--quick", *delay_override, "--output", tmp_path).returncode == 0
     assert calls["panel"][1][0][1].laboratory.command_link.delay_ticks == 50
     for size, status in ((2, 0), (200, 0), (201, 2)):
         assert run("map", "hover", "--size", size, "--output", tmp_path).returncode == status
@@ -227,7 +237,7 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
         with pytest.raises(InputError, match=words):
             tune.parse_tuning_parameter(f"{pair}={ends}", scenario)
     for path in ("vehicle.mass", "control.kind"):
-        with pytest.raises(InputError, match="must be a field of `control` whose value is a number above 0"):
+        with pytest.raises(InputError, match="must name a field of `control` whose value is a number above 0"):
             tune.parse_tuning_parameter(f"control.position.k_p.0,{path}", scenario)
     integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
     with pytest.raises(InputError, match="a number above 0"):
@@ -320,7 +330,7 @@ def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced,
     result = run(*command_line)
     assert result.returncode == 1
     assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
-    # One of two controllers fails.
+    # A sample of one of the two controllers fails.
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
@@ -342,9 +352,9 @@ def test_a_study_saves_only_figures_that_show_samples(replaced, monkeypatch):
     scenario = load_scenario("robustness")
 
     def figures(**studies):
-        found, folder, vector = study.save_plots(studies, "folder", arguments)
+        result, folder, vector = study.save_plots(studies, "folder", arguments)
         assert (folder, vector) == ("folder", "svg")
-        return found
+        return result
 
     both = {"distribution": "peak_error", "convergence": "peak_error"}
     calm, crashed = studied(scenario, 20), studied(scenario, 20, crashed=[0, 1, 2])
@@ -364,24 +374,24 @@ def test_a_study_saves_only_figures_that_show_samples(replaced, monkeypatch):
     arguments.over = "vehicle.gravity"
     assert figures(a=crashed)["crash_probability"] == "vehicle.gravity"
     assert study.save_plots({"a": studied(scenario, 0)}, "folder", arguments) == []
-    # A study without samples is left out.
+    # A study without samples has no figure.
     assert figures(a=calm, b=studied(scenario, 0)) == both | {"influences": "peak_error"}
 
 
 def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
-    made = []
+    calls = []
 
     @contextmanager
-    def crew(*arguments, **named):
-        made.append((arguments, named))
-        yield "a crew"
+    def stub_pool(*arguments, **options):
+        calls.append((arguments, options))
+        yield "a pool"
 
-    monkeypatch.setattr(workers, "Workers", crew)
-    monkeypatch.setattr(workers, "dask_pool", crew)
+    monkeypatch.setattr(workers, "Workers", stub_pool)
+    monkeypatch.setattr(workers, "dask_pool", stub_pool)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
-        with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
-            assert found == "a crew"
-    assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
+        with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as result:
+            assert result == "a pool"
+    assert calls == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
         pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
         workers.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
@@ -398,7 +408,7 @@ def test_a_single_remark_reports_several_studies_without_random_parameters(capsy
     assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
     with pytest.raises(
-        InputError, match="--over vehicle.mass: is not a random parameter of pd; its random parameters are: none"
+        InputError, match="--over: vehicle.mass is not a random parameter of pd; its random parameters are: none"
     ):
         study.scenarios_from_arguments(given)
     given.scenario, given.controller = "robustness", []
@@ -407,13 +417,13 @@ def test_a_single_remark_reports_several_studies_without_random_parameters(capsy
 
 
 def test_sobol_draws_are_refused_for_controllers_with_different_random_parameters(tmp_path):
-    mine = tmp_path / "mine.yaml"
-    mine.write_text(
+    scenario_file = tmp_path / "mine.yaml"
+    scenario_file.write_text(
         "mine: {extends: 'controllers/paper:pd', vehicle: {linear_drag: {uniform: {min: 0.1, max: 0.2}}}}\n"
     )
     given = argparse.Namespace(
         scenario="hover",
-        controller=["controllers/paper:pd", f"{mine}:mine"],
+        controller=["controllers/paper:pd", f"{scenario_file}:mine"],
         seed=None,
         over=None,
         set=["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"],
@@ -450,14 +460,14 @@ def simulated(replaced, monkeypatch):
 
 
 def test_the_flown_sample_is_given_by_the_option_or_the_scenario(run, simulated, tmp_path):
-    for more, sample, compiled in (
+    for more_options, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
         (["--set", "sample=4"], 4, None),
         (["--set", "sample=4", "--sample", 2], 2, None),
     ):
         simulated["simulate"].clear()
-        result = run("fly", "laboratory:low_wind", "--seed", 7, *more, "--output", tmp_path)
+        result = run("fly", "laboratory:low_wind", "--seed", 7, *more_options, "--output", tmp_path)
         assert (result.returncode, result.stderr) == (0, "")
         ((scenario,), named), *_ = simulated["simulate"]
         assert scenario.name == "low_wind"
@@ -490,7 +500,7 @@ class Terminal(io.StringIO):
 
 
 def test_a_flight_on_a_terminal_waits_until_a_browser_is_connected(monkeypatch, capsys):
-    """The flight starts when a browser is connected. The command ends at Enter or at the end of the input."""
+    """The flight starts when a browser is connected. The command ends when Enter is pressed or its input ends."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(
         web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
@@ -528,8 +538,8 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
     assert options() == default
     assert options("--on-board") == default | on_board_options()
     for axis, each in options("--phase-margin", 50, "--gain-margin", 8, "--delay-margin", 3, "--on-board").items():
-        wanted = 3.0 * period if axis in ("roll", "pitch", "yaw") and each.requirements.delay else 0.0
-        assert tuple(each.requirements) == (50.0, 8.0, wanted)
+        required_delay = 3.0 * period if axis in ("roll", "pitch", "yaw") and each.requirements.delay else 0.0
+        assert tuple(each.requirements) == (50.0, 8.0, required_delay)
     assert options("--delay-margin", 3)["roll"].requirements.delay == 3.0 * period
     assert options("--delay-margin", 3)["x"].requirements.delay == 0.0
     damped = options(*(f"--loop={each}" for each in ("height.damping=0.7", "yaw.bandwidth=3", "position.bandwidth=2")))
@@ -537,11 +547,11 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
     assert {axis: each.effort for axis, each in damped.items() if each.effort} == {"yaw": 3.0, "x": 2.0, "y": 2.0}
     costs = {axis: each.family for axis, each in options("--method", "lqr", "--loop", "yaw.rate_time=0.0").items()}
     times = {"roll": 0.2, "pitch": 0.2, "yaw": 0.0, "x": 1.0, "y": 1.0, "z": 0.2}
-    assert costs == {axis: RegulatorRequirements(time) for axis, time in times.items()}
+    assert costs == {axis: OutputRegulator(time) for axis, time in times.items()}
 
 
 @pytest.mark.parametrize(
-    ("option", "least", "most"),
+    ("option", "minimum", "maximum"),
     [
         ("phase-margin", 0.0, 180.0),
         ("gain-margin", 0.0, 60.0),
@@ -549,48 +559,48 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
         ("integral", 0.01, 0.9),
     ],
 )
-def test_design_options_are_checked_against_their_ranges(option, least, most):
+def test_design_options_are_checked_against_their_ranges(option, minimum, maximum):
     scenario = load_scenario("laboratory:nominal")
-    for value in (least, most):
+    for value in (minimum, maximum):
         design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
-    for value in (least - 1e-4, most + 1e-4):
-        with pytest.raises(InputError, match=f"--{option} is .*, but must be between {least:g} and {most:g}"):
+    for value in (minimum - 1e-4, maximum + 1e-4):
+        with pytest.raises(InputError, match=f"--{option} is .*, but must be between {minimum:g} and {maximum:g}"):
             design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
 
 
 @pytest.mark.parametrize(
-    ("field", "least", "most"),
+    ("field", "minimum", "maximum"),
     [("yaw.bandwidth", 1e-3, 100.0), ("height.damping", 0.05, 0.999), ("position.rate_time", 0.0, 10.0)],
 )
-def test_loop_requests_are_checked_against_their_ranges(field, least, most):
+def test_loop_requests_are_checked_against_their_ranges(field, minimum, maximum):
     scenario = load_scenario("laboratory:nominal")
     method, other = ("lqr", "poles") if "rate" in field else ("poles", "lqr")
 
-    def asked(wish, method=method):
-        return design.design_options(design.options().parse_args(["--method", method, "--loop", wish]), scenario)
+    def options_for(request, method=method):
+        return design.design_options(design.options().parse_args(["--method", method, "--loop", request]), scenario)
 
-    asked(f"{field}={least}")
-    asked(f"{field}={most}")
-    for value, demand in (
-        (least - 1e-4, f"greater than or equal to {least:g}"),
-        (most + 1e-4, f"less than or equal to {most:g}"),
+    options_for(f"{field}={minimum}")
+    options_for(f"{field}={maximum}")
+    for value, condition in (
+        (minimum - 1e-4, f"greater than or equal to {minimum:g}"),
+        (maximum + 1e-4, f"less than or equal to {maximum:g}"),
     ):
-        with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {demand}"):
-            asked(f"{field}={value:.6f}")
+        with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {condition}"):
+            options_for(f"{field}={value:.6f}")
     with pytest.raises(InputError, match=f"--loop {field} requires --method {method}"):
-        asked(f"{field}={least}", other)
+        options_for(f"{field}={minimum}", other)
 
 
 def test_a_loop_request_must_name_a_loop_and_a_field():
     scenario = load_scenario("laboratory:nominal")
-    for wish, complaint in {
+    for request, message in {
         "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
         "yaw.dampings=0.7": "yaw.dampings is unknown; allowed are bandwidth, damping, rate_time; did you mean damping",
         "yaw.damping": "must be field.path=value",
         "yaw.damping=much": "yaw.damping is 'much', but must be a valid number",
     }.items():
-        with pytest.raises(InputError, match=f"--loop {wish}: {complaint}"):
-            design.design_options(design.options().parse_args(["--loop", wish]), scenario)
+        with pytest.raises(InputError, match=f"--loop {request}: {message}"):
+            design.design_options(design.options().parse_args(["--loop", request]), scenario)
 
 
 def test_a_vehicle_is_named_after_its_file_or_its_first_log():
@@ -632,9 +642,9 @@ def test_winds_are_three_numbers_below_a_hundred():
     assert identify.with_winds([record], []) == [record]
     with pytest.raises(InputError, match="--wind is given 2 times for 3 logs; give it once, or once for each log"):
         identify.with_winds([record] * 3, ["0,0,0"] * 2)
-    found = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
-    assert [each.wind[0, 0] for each in found] == [1.0, 2.0]
-    assert found[0].wind.shape == (3, 3)
+    result = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
+    assert [each.wind[0, 0] for each in result] == [1.0, 2.0]
+    assert result[0].wind.shape == (3, 3)
 
 
 def test_judge_evaluates_all_families_unless_the_option_family_is_given(run, replaced, tmp_path, monkeypatch):
@@ -672,30 +682,32 @@ def test_judge_evaluates_all_families_unless_the_option_family_is_given(run, rep
 
 def test_judge_tunes_the_controllers_of_each_given_family(run, replaced):
     design_of = SimpleNamespace(name="pd", description="6 numbers")
-    calls = replaced("judge", design_family=[design_of], design_priced=[design_of] * 2, tunable_entries="entries")
-    result = run("judge", "--tune", "outdoor", PRICED_DESIGNS, "--rounds", 3, "--only", "pd")
+    calls = replaced(
+        "judge", design_family=[design_of], design_sensitivity_variants=[design_of] * 2, tunable_entries="entries"
+    )
+    result = run("judge", "--tune", "outdoor", SENSITIVITY_VARIANTS, "--rounds", 3, "--only", "pd")
     assert result.returncode == 0
     (((_, name, family, entries), named),) = calls["design_family"]
     assert (name, family, entries, named) == ("outdoor", FAMILIES["outdoor"], "entries", {"budget": Budget(rounds=3)})
     assert calls["tunable_entries"][0][0][0] == FAMILIES["outdoor"]
     assert calls["tunable_entries"][0][0][2] == ["pd"]
-    assert calls["design_priced"][0][1] == {"budget": Budget(rounds=3)}
+    assert calls["design_sensitivity_variants"][0][1] == {"budget": Budget(rounds=3)}
     assert result.stdout.count("outdoor: pd, 6 numbers, 0 s\n") == 1
-    assert result.stdout.count(f"{PRICED_DESIGNS}: pd, 6 numbers, 0 s\n") == 2
+    assert result.stdout.count(f"{SENSITIVITY_VARIANTS}: pd, 6 numbers, 0 s\n") == 2
     assert run("judge", "--tune").returncode == 0
     assert [arguments[1] for arguments, _ in calls["design_family"][1:]] == [*FAMILIES]
-    assert len(calls["design_priced"]) == 2
+    assert len(calls["design_sensitivity_variants"]) == 2
     for rounds, status in ((0, 2), (1, 0), (1000, 0), (1001, 2)):
-        assert run("judge", "--tune", PRICED_DESIGNS, "--rounds", rounds).returncode == status
+        assert run("judge", "--tune", SENSITIVITY_VARIANTS, "--rounds", rounds).returncode == status
 
 
 def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):
-    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(statement="a claim", verdict="holds")])
+    results = SimpleNamespace(entries=[], claims=[SimpleNamespace(statement="a claim", verdict="holds")])
     calls = replaced(
         "replicate",
         fly_experiment="flights",
         read_experiment="found",
-        collect_findings=findings,
+        collect_findings=results,
         write_report=lambda folder, *_, **__: [folder / "report.md"],
     )
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
@@ -706,13 +718,13 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
     assert calls["read_experiment"] == [((tmp_path,), {})]
     assert calls["collect_findings"] == [(("found",), {})]
     ((arguments, named),) = calls["write_report"]
-    assert arguments == (tmp_path, "found", findings, "flights")
+    assert arguments == (tmp_path, "found", results, "flights")
     assert named["vector"] is None
     assert written(result) == [str(tmp_path / "report.md")]
     assert "a claim  holds" in result.stdout
     monkeypatch.chdir(tmp_path)
-    more = ["--workers", 1, "--resume", "--wired", "--vector", "pdf", "--output", tmp_path / "whole"]
-    assert run("replicate", *more).returncode == 0
+    options = ["--workers", 1, "--resume", "--wired", "--vector", "pdf", "--output", tmp_path / "whole"]
+    assert run("replicate", *options).returncode == 0
     (_, sizes, folder, _), named = calls["fly_experiment"][1]
     assert (sizes, folder) == (ExperimentSizes(), tmp_path / "whole")
     assert (named["resume"], named["compiled"]) == (True, False)
@@ -747,8 +759,8 @@ class Bar:
     def update(self, step=1):
         self.n += step
 
-    def set_postfix_str(self, words, **_):
-        self.words.append(words)
+    def set_postfix_str(self, text, **_):
+        self.words.append(text)
 
 
 def test_progress_bars_show_the_finished_part(monkeypatch):
@@ -758,11 +770,11 @@ def test_progress_bars_show_the_finished_part(monkeypatch):
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # The first 30 flights already existed, so they do not count for the speed.
+    # The first 30 flights already existed, so the displayed speed does not include them.
     assert (bars[-1].initial, bars[-1].options) == (30, {"desc": "mine", "unit": " flights"})
     with progress.progress_bar("flying") as show:
-        for what, done in (("pd", 20), ("pid", 70)):
-            show(done, 200, what)
+        for controller, done in (("pd", 20), ("pid", 70)):
+            show(done, 200, controller)
             assert bars[-1].n == done
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
 
@@ -784,9 +796,12 @@ def test_arguments_are_completed_according_to_their_kind():
         completions[action.dest, action.metavar] = getattr(action, "complete", None)
 
     parser = full_parser(complete)
-    own = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
+    scenario_completion = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
     assert (
-        completions["scenario", None] == completions["controller", "FILE:NAME"] == completions["vehicle", None] == own
+        completions["scenario", None]
+        == completions["controller", "FILE:NAME"]
+        == completions["vehicle", None]
+        == scenario_completion
     )
     assert completions["output", "FOLDER"] == shtab.DIRECTORY
     assert (
@@ -815,7 +830,7 @@ def test_scenarios_are_named_after_their_controllers():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd is given twice"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
@@ -840,9 +855,9 @@ def test_numeric_options_are_checked_against_their_ranges():
 
 
 @pytest.mark.slow
-def test_lists_of_scenarios_are_wrapped_below_each_other(run):
+def test_long_lists_of_scenarios_are_wrapped_and_aligned(run):
     lines = run("scenarios").stdout.splitlines()
     assert max(map(len, lines)) <= 120
-    # All names begin in the same column.
+    # All names of scenarios begin in the same column.
     width = max(len(line.split()[0]) for line in lines if not line.startswith(" "))
     assert {len(line) - len(line[width:].lstrip()) for line in lines if len(line) > width} == {width + 2}

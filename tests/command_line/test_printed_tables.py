@@ -1,4 +1,4 @@
-"""Commands print invented results in the right units, and write them to tables."""
+"""Tests that commands print results in the right units and write them to tables. The results are invented."""
 
 import math
 import re
@@ -27,7 +27,7 @@ from drake_quad.command_line import (
     study,
 )
 from drake_quad.command_line import map as stability_map
-from drake_quad.design.gains import AxisGains, PidGains, ProportionalGain
+from drake_quad.design.gains import AxisPdGains, PidGains, ProportionalGain
 from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
@@ -61,7 +61,7 @@ def cells(text):
 
 
 def metrics_of(rmse, crashed=()):
-    """Return metrics with the given RMSE of each flight; some flights crash after 3 s. Other metrics are 1, 2, ...."""
+    """Return metrics with the given RMSE; the given flights crash after 3 s. Other metrics equal their field index."""
     rmse = np.asarray(rmse, dtype=float)
     time = np.full(len(rmse), np.inf)
     time[list(crashed)] = 3.0
@@ -183,8 +183,8 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     ]
     assert {row[4] for row in rows if row[1] in ("z", "all")} == {"no"}
     assert {row[4] for row in rows if row[1] in ("x", "y")} == {"yes"}
-    # The predicted median on each axis is about a centimetre. The interval ends at a crash, since 10 % of the flights
-    # crash.
+    # The predicted median on each axis is about a centimetre. The upper end of each 95 % interval is a crash, since
+    # 10 % of the flights crash.
     for row in rows:
         median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
         assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
@@ -199,8 +199,8 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
 
 
 def test_equal_predictions_of_a_log_are_printed_without_an_interval(compared, capsys):
-    alike = replace(compared, predicted=np.full((3, 50, 3), 0.02))
-    compare_log.print_comparison(alike)
+    equal_predictions = replace(compared, predicted=np.full((3, 50, 3), 0.02))
+    compare_log.print_comparison(equal_predictions)
     lines = capsys.readouterr().out.splitlines()
     rows = cells("\n".join(lines[3:-1]))
     assert [row[3:] for row in rows[:3]] == [["2.00", "–"]] * 3
@@ -237,7 +237,7 @@ def loop_of(gains, *, limits=(), cost_ratio=None):
 def test_a_design_has_a_row_for_each_axis_in_order(capsys):
     loops = {
         "x": loop_of(PidGains(1.23456, 2.0, 0.5), limits=("phase", "delay"), cost_ratio=1.234),
-        "z": loop_of(AxisGains(3.0, 4.0)),
+        "z": loop_of(AxisPdGains(3.0, 4.0)),
     }
     on_board = {"roll rate": loop_of(ProportionalGain(9.0))}
     design.print_design(SimpleNamespace(loops=loops, on_board=on_board, all_loops=on_board | loops))
@@ -261,7 +261,7 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
 
 
 def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
-    """Modes faster than 60 rad/s are left out. The states of a mode are those of the vehicle, if it has any."""
+    """Modes faster than 60 rad/s are left out. If a mode involves states of the vehicle, only these are listed."""
 
     def oscillator(frequency, damping):
         return np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
@@ -372,8 +372,15 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     mass, damping, drag = cells("\n".join(lines[2:5]))
     # The standard deviation of the mean is 0.02 kg. For a new flight, it is √(0.02² + 0.04²) kg. The second variance
     # has 4 degrees of freedom, so the sum has 6.25 degrees of freedom by the Welch-Satterthwaite formula.
-    far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
-    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
+    half_width_for_new_flight = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
+    assert mass == [
+        "mass",
+        plus_minus(0.5, 1.96 * 0.02),
+        "kg",
+        spread_text(half_width_for_new_flight),
+        "9 of 10",
+        "12.3 % of climb",
+    ]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [
@@ -385,9 +392,9 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
 
 @pytest.mark.parametrize(("weak", "is_remarked"), [(["mass"], False), (["mass", "linear_drag"], True)])
 def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_remarked):
-    found = identified()
-    estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
-    identify.print_estimates(replace(found, estimates=estimates))
+    result = identified()
+    estimates = replace(result.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
+    identify.print_estimates(replace(result, estimates=estimates))
     is_printed = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
     assert is_printed == is_remarked
 
@@ -485,8 +492,8 @@ def test_sensitivities_are_sorted_by_the_effect_of_a_change_of_one_per_cent(caps
     fields = ("a", "b", "c", "d")
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4), "rmse_x": np.full(4, np.nan)}
     metrics = {"rmse": 0.4, "effort_x": 0.0, "rmse_x": 1.0}
-    found = Sensitivities(fields, np.array([2.0, 0.5, 0.0, 4.0]), metrics, 1.25, gradients)
-    sensitivities.print_sensitivities(found, "rmse")
+    result = Sensitivities(fields, np.array([2.0, 0.5, 0.0, 4.0]), metrics, 1.25, gradients)
+    sensitivities.print_sensitivities(result, "rmse")
     crash, first, header, *rows = capsys.readouterr().out.splitlines()
     assert crash.startswith("crashed at 1.25 s;")
     assert first == "rmse 0.4 (SI units)"
@@ -497,15 +504,15 @@ def test_sensitivities_are_sorted_by_the_effect_of_a_change_of_one_per_cent(caps
         ["c", "0", "7", "–"],
         ["d", "4", "nan", "–"],
     ]
-    table = read_table(sensitivities.write_sensitivities(tmp_path / "table.csv", found))
+    table = read_table(sensitivities.write_sensitivities(tmp_path / "table.csv", result))
     assert [*table["field"]] == ["(metric)", *fields]
     np.testing.assert_allclose(
         [float(value or "nan") for value in map(str, table["value"])], [np.nan, 2.0, 0.5, 0.0, 4.0]
     )
     np.testing.assert_allclose(table["rmse"], [0.4, 0.1, -2.0, 7.0, np.nan])
-    whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
+    uncrashed = Sensitivities(fields, result.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
-        sensitivities.print_sensitivities(whole, name)
+        sensitivities.print_sensitivities(uncrashed, name)
         assert capsys.readouterr().out.endswith(f"{name} has no derivative, because it is zero in this flight\n")
 
 
@@ -570,13 +577,13 @@ def test_active_limits_of_a_plan_are_printed_with_their_segments():
 
 
 def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
-    """The expected values of a figure eight follow from its samples; a limit is printed if there is one."""
+    """The expected values are computed from samples of the path. A limit is printed only if there is one."""
     mission = load_scenario("figure_eight")
     simulated = plan_route(mission)
     rows = {name: (value, unit) for name, value, unit in plan.summary(mission, simulated, PathLimits(speed=9.0), None)}
     times = np.linspace(0.0, simulated.duration, 20_001)
-    way = evaluate(simulated.path, times)
-    assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(way, axis=1), axis=0).sum(), abs=0.02)
+    positions = evaluate(simulated.path, times)
+    assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(positions, axis=1), axis=0).sum(), abs=0.02)
     assert rows["duration"] == (f"{simulated.duration:.3f}", "s")
     assert rows["waypoints"] == (str(len(simulated.path.times)), "")
     for name, order, unit in (("speed", 1, "m/s of 9"), ("acceleration", 2, "m/s²"), ("snap", 4, "m/s⁴")):
@@ -585,8 +592,8 @@ def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
         assert rows[f"top {name}"][1] == unit
     parameters = planned_parameters(mission)
     rotors = np.array(plan_demand(simulated, parameters, times).rotor_speed)
-    least, most = map(float, rows["rotor speeds"][0].split(" to "))
-    assert (least, most) == pytest.approx((rotors.min(), rotors.max()), abs=1.0)
+    lowest, highest = map(float, rows["rotor speeds"][0].split(" to "))
+    assert (lowest, highest) == pytest.approx((rotors.min(), rotors.max()), abs=1.0)
     assert rows["rotor speeds"][1] == f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}"
 
 
@@ -637,8 +644,8 @@ def test_the_largest_influences_are_printed_with_the_paths_of_their_fields(capsy
     mass, x, unrelated = rng.uniform(0.5, 1.0, size=(3, 200))
     metrics = metrics_of(0.1 + mass + 6.0 * (x - 0.75) ** 2, crashed=np.flatnonzero(x > 0.95))
     numbers = {"vehicle.drag_factor": unrelated, "vehicle.centre_of_mass.0": x, "vehicle.mass": mass}
-    found = Study(load_scenario("robustness"), 10.0, np.arange(200), numbers, metrics)
-    study.print_study("mine", found, tmp_path, "compiled")
+    result = Study(load_scenario("robustness"), 10.0, np.arange(200), numbers, metrics)
+    study.print_study("mine", result, tmp_path, "compiled")
     text = capsys.readouterr().out
     header, first, second, *crashes = cells(text.split("largest influences on ")[1].split("more:")[0])
     assert header == ["RMSE", "rank correlation"]
@@ -650,7 +657,7 @@ def test_the_largest_influences_are_printed_with_the_paths_of_their_fields(capsy
     assert first.splitlines()[1].startswith("vehicle.centre_of_mass.0")
     command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0\n"
     assert f"more: {command}" in text
-    study.print_study("mine", found, tmp_path, "compiled", metric="peak_error")
+    study.print_study("mine", result, tmp_path, "compiled", metric="peak_error")
     assert "influence on peak error\n" in capsys.readouterr().out
 
 
@@ -690,11 +697,11 @@ def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     assert judge.error_text(None) == "–"
     assert judge.error_text(metrics) == "20.0 25.0 %"
     assert judge.error_text(metrics_of([0.1, 0.3])) == "20.0"
-    found = SimpleNamespace(
+    result = SimpleNamespace(
         controllers=["pd", "indi"],
         flights={"outdoor": {"pd": metrics}, "no wind": {"pd": metrics, "indi": metrics_of([0.1, 0.3])}, "moon": {}},
     )
-    judge.print_errors(found)
+    judge.print_errors(result)
     _, header, first, second = cells(capsys.readouterr().out)
     assert header == ["no wind", "outdoor"]
     assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]
@@ -705,6 +712,6 @@ def test_a_range_of_gains_must_be_nonnegative_and_increasing():
     assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
         with pytest.raises(
-            InputError, match="--k-p is .*, but must be two gains, the first at least 0, and the second larger"
+            InputError, match="--k-p .*: the first gain must be at least 0, and the second must be larger than it"
         ):
             stability_map._grid("--k-p", limits, 5)

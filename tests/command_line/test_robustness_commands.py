@@ -1,4 +1,4 @@
-"""Commands that estimate risks, search for worst cases, and attribute variances."""
+"""Tests of commands that estimate risks, search for worst cases, and attribute variances."""
 
 import re
 
@@ -53,11 +53,11 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
 @pytest.mark.parametrize("command", ["risk", "falsify", "sobol"])
 def test_search_commands_have_the_same_worker_options_as_the_command_study(command):
     arguments = ["--workers", "3", "--time-limit", "5", "--resume", "--wired", "--vector", "pdf"]
-    found = (
+    result = (
         command_module(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])
     )
-    assert (found.scenario, found.workers, found.time_limit, found.cluster) == ("outdoor", 3, 5.0, None)
-    assert (found.resume, found.wired, found.vector) == (True, True, "pdf")
+    assert (result.scenario, result.workers, result.time_limit, result.cluster) == ("outdoor", 3, 5.0, None)
+    assert (result.resume, result.wired, result.vector) == (True, True, "pdf")
     assert command_module(command).options().parse_args([]).scenario == "robustness"
 
 
@@ -78,7 +78,7 @@ def test_studies_with_sobol_draws_state_their_replicates(run, tmp_path):
     options = ["--samples", "64", "--draws", "sobol", "--workers", "1", "--output", tmp_path]
     result = run("study", *HOVER, *options)
     assert result.returncode == 0
-    assert "sobol draws in 16 independent replicates of 4 samples, which give the intervals" in result.stdout
+    assert "sobol draws in 16 independent replicates of 4 samples, from which the intervals follow" in result.stdout
     assert load_scenario(tmp_path / "scenario.yaml").draws.kind == "sobol"
     other = ["--set", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}", "--resume"]
     refused = run("study", *HOVER, *options, *other)
@@ -87,8 +87,8 @@ def test_studies_with_sobol_draws_state_their_replicates(run, tmp_path):
 
 @pytest.mark.long
 def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_path):
-    late = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
-    result = run("certify", "hover", *late, "--output", tmp_path)
+    options = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
+    result = run("certify", "hover", *options, "--output", tmp_path)
     assert result.returncode == 0
     assert "stable up to scale" in result.stdout
     assert "unstable at scale" in result.stdout
@@ -106,7 +106,7 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["study", *HOVER, "--draws", "sobol", "--samples", "20"], "sobol draws need at least 32 samples"),
         (["study", *HOVER, "--draws", "sobol", "--until", "rmse ± 1 %"], "a study with sobol draws cannot end early"),
@@ -116,22 +116,22 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
             "draws.size is 3, but must be a power of two for sobol",
         ),
         (["risk", "hover", "--event", "peak > 1"], "there is no metric called"),
-        (["risk", "hover", "--to", "much"], "--to 'much': must be a percentage above 0 %, as in 30%"),
+        (["risk", "hover", "--to", "much"], "--to 'much' must be a percentage above 0 %, as in 30%"),
         (["risk", *HOVER, "--population", "505"], "size is 505, but must be a multiple of 10"),
         (["falsify", *HOVER, "--flights", "100"], "--flights 100: one generation needs 250 candidates"),
-        (["falsify", *HOVER, "--maximize", "rms"], "--maximize rms: is not a metric of hover; did you mean rmse"),
+        (["falsify", *HOVER, "--maximize", "rms"], "--maximize: rms is not a metric of hover; did you mean rmse"),
         (["falsify", "hover"], "hover contains no distribution"),
         (["certify", "hover"], "hover contains no distribution; give ranges of fields, as in --vary"),
-        (["certify", "hover", "--vary", "vehicle.mass=0.1"], "--vary vehicle.mass=0.1: must be FIELD=PERCENT%"),
+        (["certify", "hover", "--vary", "vehicle.mass=0.1"], "--vary vehicle.mass=0.1 must have the form FIELD="),
         (["certify", "hover", "--vary", "vehicle.battery_sag=5%"], "vehicle.battery_sag is 0"),
-        (["sobol", *HOVER, "--metric", "rms"], "--metric rms: is not a metric of hover; did you mean rmse"),
+        (["sobol", *HOVER, "--metric", "rms"], "--metric: rms is not a metric of hover; did you mean rmse"),
         (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
     ],
 )
-def test_invalid_options_of_the_robustness_commands_are_refused_in_one_sentence(run, tmp_path, arguments, words):
+def test_invalid_options_of_the_robustness_commands_are_refused_in_one_sentence(run, tmp_path, arguments, message):
     result = run(*arguments, "--output", tmp_path / "out")
     assert result.returncode == 2
-    assert words in result.stderr
+    assert message in result.stderr
     assert "Traceback" not in result.stderr
 
 

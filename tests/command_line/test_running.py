@@ -1,4 +1,4 @@
-"""A failing command prints one sentence and exits with a nonzero status, for any output stream."""
+"""Tests that a failing command prints one sentence and exits with a nonzero status, whatever its output stream."""
 
 import io
 import os
@@ -78,17 +78,17 @@ def test_a_command_without_a_standard_output_prints_nothing_and_succeeds(monkeyp
 
 
 @pytest.mark.parametrize(
-    ("error", "status", "words"),
+    ("error", "status", "message"),
     [
         (None, 1, "failed: cannot write to the standard output: no space left on device\n"),
         (SystemExit(0), 1, "failed: cannot write to the standard output: no space left on device\n"),
         (InputError("the route is empty"), 2, "error: the route is empty\n"),
     ],
 )
-def test_output_to_a_full_device_fails(error, status, words, monkeypatch, capsys):
+def test_output_to_a_full_device_fails(error, status, message, monkeypatch, capsys):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         monkeypatch.setattr(sys, "stdout", full)
-        assert (status_of("a table", error), capsys.readouterr().err) == (status, words)
+        assert (status_of("a table", error), capsys.readouterr().err) == (status, message)
 
 
 def test_a_message_that_cannot_be_written_does_not_change_the_status(monkeypatch):

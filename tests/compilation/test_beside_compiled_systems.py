@@ -208,27 +208,27 @@ USER_SYSTEMS = {
     "control": [Cascade, integrating_cascade],
     "wind": [VaryingWind, varying_wind_with_state],
 }
-each = pytest.mark.parametrize(
-    ("place", "make"),
-    [(place, make) for place, makes in USER_SYSTEMS.items() for make in makes],
+each_user_system = pytest.mark.parametrize(
+    ("part", "make"),
+    [(part, make) for part, makes in USER_SYSTEMS.items() for make in makes],
     ids=lambda value: getattr(value, "__name__", value),
 )
 
 
 @pytest.mark.slow
-@each
-def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenario, plan, place, make):
-    flights = [simulate(scenario, plan=plan, compiled=compiled, **{place: make()}) for compiled in (True, False)]
+@each_user_system
+def test_a_flight_with_a_user_defined_system_is_the_same_compiled_and_uncompiled(scenario, plan, part, make):
+    flights = [simulate(scenario, plan=plan, compiled=compiled, **{part: make()}) for compiled in (True, False)]
     assert_flights_alike(*flights)
     assert not np.allclose(flights[0]["wrench"], simulate(scenario, plan=plan)["wrench"], rtol=1e-3)
 
 
 @pytest.mark.slow
-@each
-def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flights(scenario, plan, place, make):
+@each_user_system
+def test_compiled_and_uncompiled_fleets_with_a_user_defined_system_have_the_same_flights(scenario, plan, part, make):
     """Each fleet simulates two batches of samples, and both fleets have the same results."""
-    own = UserSystems(**{place: make})
-    fleets = [StudyFleet(scenario, plan, 5, user_systems=own, compiled=compiled) for compiled in (True, False)]
+    user_systems = UserSystems(**{part: make})
+    fleets = [StudyFleet(scenario, plan, 5, user_systems=user_systems, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
         assert_metrics_alike(*(fleet.fly(samples, duration=0.2) for fleet in fleets))
 
@@ -238,8 +238,8 @@ def test_a_placeholder_replaces_a_stateless_system_that_cannot_be_compiled_in_a_
     """The compiled diagram contains the placeholder. The original diagram keeps the system, and can be simulated."""
     uncompiled = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
     compiled = compile_diagram(uncompiled)
-    shown = [system for system in compiled.GetSystems() if isinstance(system, SystemPlaceholder)]
-    assert len(shown) == 2
+    placeholders = [system for system in compiled.GetSystems() if isinstance(system, SystemPlaceholder)]
+    assert len(placeholders) == 2
     simulators = [Simulator(diagram) for diagram in (uncompiled, compiled)]
     for time in (0.0, 0.01, 0.02, 0.033, 0.2, 0.205):
         for simulator in simulators:
@@ -270,26 +270,28 @@ def test_a_system_that_can_be_compiled_is_not_replaced_by_a_placeholder(scenario
 def test_a_compiled_diagram_contains_the_system_behind_a_placeholder(scenario, plan):
     """`as_compilable` returns a placeholder for a diagram if one of the diagram's systems cannot be compiled."""
     for make in (UserPd, with_a_filter):
-        own = make()
-        shown = as_compilable(own)
-        assert isinstance(shown, SystemPlaceholder)
-        compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=shown, plan=plan), ticks=10)
-        assert own in list(compiled.GetSystems())
+        user_system = make()
+        placeholder = as_compilable(user_system)
+        assert isinstance(placeholder, SystemPlaceholder)
+        compiled = compile_diagram(
+            build_tracking_diagram(scenario, position_controller=placeholder, plan=plan), ticks=10
+        )
+        assert user_system in list(compiled.GetSystems())
 
 
 def test_a_placeholder_has_the_outputs_of_its_system():
     """The outputs are compared at two times with different inputs."""
-    own = UserPd(2)
-    shown = SystemPlaceholder(own)
-    contexts = [system.CreateDefaultContext() for system in (own, shown)]
+    user_system = UserPd(2)
+    placeholder = SystemPlaceholder(user_system)
+    contexts = [system.CreateDefaultContext() for system in (user_system, placeholder)]
     for time in (0.0, 1.5):
         for name, size in (("measurement", 24), ("reference", 22)):
-            for system, context in zip((own, shown), contexts, strict=True):
+            for system, context in zip((user_system, placeholder), contexts, strict=True):
                 system.GetInputPort(name).FixValue(context, time + np.arange(float(size)))
                 context.SetTime(time)
         expected, actual = (
             system.GetOutputPort("acceleration_command").Eval(context)
-            for system, context in zip((own, shown), contexts, strict=True)
+            for system, context in zip((user_system, placeholder), contexts, strict=True)
         )
         np.testing.assert_array_equal(actual, expected)
 

@@ -41,16 +41,16 @@ class Pair(NamedTuple):
 PAIR_LAYOUT = layout_of(Pair)
 
 
-def counted(memory, seen, by, time, tick):
-    return Pair(memory.a + by * seen.a + time, seen.b + tick.pair + where(tick.second, 0.5, 0.0))
+def counted(memory, inputs, by, time, tick):
+    return Pair(memory.a + by * inputs.a + time, inputs.b + tick.pair + where(tick.second, 0.5, 0.0))
 
 
 def initial(memory, by, time):
     return Pair(memory.a + exp(by), memory.b + time + 1.0)
 
 
-def updated_pair(memory, seen, by):
-    return Pair(memory.a - seen.b, by * memory.b)
+def updated_pair(memory, inputs, by):
+    return Pair(memory.a - inputs.b, by * memory.b)
 
 
 def after_tick(steps, memory):
@@ -62,15 +62,20 @@ class Counter(FleetSystem):
     """System with every type of declaration that a FleetSystem supports."""
 
     def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, parameters=0.25):
-        seen = self.input("seen", layout=PAIR_LAYOUT, absent=Pair(0.1, 0.2))
+        inputs = self.input("inputs", layout=PAIR_LAYOUT, absent=Pair(0.1, 0.2))
         by = self.parameter("by", lambda by: Pair(by, 2.0 * by))
         memory = self.state("memory", lambda by: Pair(by, 1.0))
         steps = self.state("steps", lambda _: Pair(0.0, 0.5))
         self.initialize(lambda memory, by, time: initial(memory, by.a, time), memory, by, TIME, writes=[memory])
-        reads = memory, seen, by, TIME, CurrentTick(tick)
-        self.update(period, lambda m, seen, by, *at: counted(m, seen, by.b, *at), *reads, writes=[memory])
+        reads = memory, inputs, by, TIME, CurrentTick(tick)
+        self.update(
+            period,
+            lambda m, inputs, by, *time_and_tick: counted(m, inputs, by.b, *time_and_tick),
+            *reads,
+            writes=[memory],
+        )
         self.update(step, after_tick, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
-        self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, seen, by, layout=PAIR_LAYOUT)
+        self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, inputs, by, layout=PAIR_LAYOUT)
         self.state_output(memory)
         self.state_output(steps)
 
@@ -104,9 +109,9 @@ def counters(builder, n, **structure):
     one = builder.AddNamedSystem("one", Counter(num_vehicles=n, **structure))
     two = builder.AddNamedSystem("two", Counter(num_vehicles=n, parameters=0.5 + np.arange(n) if n > 1 else 0.7))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.04, 2 * n))
-    builder.Connect(one.GetOutputPort("mixed"), two.GetInputPort("seen"))
+    builder.Connect(one.GetOutputPort("mixed"), two.GetInputPort("inputs"))
     builder.Connect(two.GetOutputPort("mixed"), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), one.GetInputPort("seen"))
+    builder.Connect(hold.get_output_port(), one.GetInputPort("inputs"))
     return {
         f"{name}.{port}": system.GetOutputPort(port)
         for name, system in (("one", one), ("two", two))
@@ -114,8 +119,8 @@ def counters(builder, n, **structure):
     }
 
 
-# Keyword arguments of `Counter`: the defaults; an unrestricted update at time zero; another period of the discrete
-# update and of its ticks; and another period of the unrestricted update.
+# These keyword arguments of `Counter` change nothing, add an unrestricted update at time zero, change the period of the
+# discrete update and of its ticks, or change the period of the unrestricted update.
 COUNTER_STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
 
 
@@ -251,12 +256,12 @@ def test_a_port_that_is_not_vector_valued_is_refused(make):
 class DrakeMethodCounter(FleetSystem):
     """System with an update that is declared by a method of Drake instead of a formula."""
 
-    def declare(self, when):
+    def declare(self, event):
         self.memory = self.state("memory", lambda _: Pair(1.0, 2.0))
         self.state_output(self.memory)
-        if when == "Periodic":
+        if event == "Periodic":
             self.DeclarePeriodicDiscreteUpdateEvent(0.02, 0.0, self.change)
-        elif when == "PerStep":
+        elif event == "PerStep":
             self.DeclarePerStepDiscreteUpdateEvent(self.change)
         else:
             self.DeclareInitializationDiscreteUpdateEvent(self.change)
@@ -266,11 +271,11 @@ class DrakeMethodCounter(FleetSystem):
         values.get_mutable_vector(0).SetFromVector(context.get_discrete_state(0).CopyToVector() + 1.0)
 
 
-@pytest.mark.parametrize("when", ["Periodic", "PerStep", "Initialization"])
-def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(when):
+@pytest.mark.parametrize("event", ["Periodic", "PerStep", "Initialization"])
+def test_a_system_with_an_event_that_is_declared_by_a_method_of_drake_is_refused(event):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
-        return {"memory": builder.AddNamedSystem("own", DrakeMethodCounter(when=when)).get_output_port()}
+        return {"memory": builder.AddNamedSystem("own", DrakeMethodCounter(event=event)).get_output_port()}
 
     assert refused(connect).startswith(
         "own, a DrakeMethodCounter, cannot be compiled: it declares ports, states or events directly with"
@@ -279,7 +284,7 @@ def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(wh
 
 
 @pytest.mark.parametrize(
-    ("make", "what"),
+    ("make", "part"),
     [
         (None, "the input port u"),
         (lambda: ConstantVectorSource(np.ones(3)), "parameters 0 of source"),
@@ -287,7 +292,7 @@ def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(wh
     ],
     ids=["input", "parameter", "output"],
 )
-def test_a_system_for_another_number_of_vehicles_is_refused(make, what):
+def test_a_system_for_another_number_of_vehicles_is_refused(make, part):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter(num_vehicles=2))
         passed = builder.AddNamedSystem("passed", PassThrough(3))
@@ -298,7 +303,7 @@ def test_a_system_for_another_number_of_vehicles_is_refused(make, what):
             builder.Connect(port, passed.get_input_port())
         return {"passed": passed.get_output_port()}
 
-    assert refused(connect) == f"{what} cannot be compiled: it has 3 elements, not a multiple of 2 vehicles"
+    assert refused(connect) == f"{part} cannot be compiled: it has 3 elements, not a multiple of 2 vehicles"
 
 
 def test_a_diagram_without_periodic_events_is_refused():
@@ -342,6 +347,6 @@ def test_periods_without_a_short_common_multiple_are_refused(period, sentence):
 
 def test_a_tick_that_does_not_divide_the_least_common_multiple_of_the_periods_is_refused():
     with pytest.raises(
-        InputError, match=r"^small cannot be compiled with ticks of 0.03 s, which do not match its periods$"
+        InputError, match=r"^small cannot be compiled with ticks of 0.03 s: .* multiple of 0.01 s, .* divide 0.04 s, "
     ):
         uncompiled_and_compiled(lambda builder: counters(builder, 1), tick=0.03)

@@ -38,13 +38,13 @@ def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehic
     restart_vehicles(fleet, diagrams[0], range(n))
     restarted = [1, LANES, n - 1]
     none = np.zeros((n, 0))
-    shown = {name: [] for name in SELECTED_OUTPUTS}
+    recorded = {name: [] for name in SELECTED_OUTPUTS}
     for tick in range(45):
         if tick == 17:
             restart_vehicles(fleet, diagrams[1], restarted)
         fleet.advance(none)
         for name in SELECTED_OUTPUTS:
-            shown[name].append(fleet.outputs(name))
+            recorded[name].append(fleet.outputs(name))
     assert fleet.clocks[restarted].tolist() == [28] * 3
     assert fleet.clocks[0] == 45
     for vehicle, sample, first, last in [(0, 0, 0, 45), (LANES + 1, LANES + 1, 0, 45), (1, 1, 0, 17)] + [
@@ -52,7 +52,7 @@ def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehic
     ]:
         flight = simulate(windy_scenario, sample=sample, until=1.0, compiled=False)
         for name in SELECTED_OUTPUTS:
-            actual = np.array([rows[vehicle] for rows in shown[name][first:last]])
+            actual = np.array([rows[vehicle] for rows in recorded[name][first:last]])
             np.testing.assert_allclose(actual, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
 
 
@@ -92,9 +92,9 @@ class PythonWind(LeafSystem):
 
 
 def test_diagrams_whose_vehicles_cannot_have_individual_clocks_are_refused(windy_scenario):
-    def fleet_of(scenario, **own):
+    def fleet_of(scenario, **user_systems):
         diagram = build_fleet_diagram(
-            Batch.draw(scenario, range(2)), plan_route(scenario), user_systems=UserSystems(**own)
+            Batch.draw(scenario, range(2)), plan_route(scenario), user_systems=UserSystems(**user_systems)
         )
         return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=SELECTED_OUTPUTS, monitor="monitor")
 

@@ -1,4 +1,4 @@
-"""Tests of machine code that simulates ticks of vehicles with individual clocks, from handwritten listings."""
+"""Tests of machine code that simulates vehicles with individual clocks, generated from handwritten listings."""
 
 import numpy as np
 import pytest
@@ -15,9 +15,9 @@ def loop_of(n):
     """Return a loop that computes x⁺ = x + h (exp(p) x + u), and logs x plus a value in the table."""
     listing = Listing()
     x, p, u = listing.row(STATE, 1), listing.row(PARAMETERS, 0), listing.row(INPUTS, 0)
-    step, shown = listing.shared(2), listing.shared(0)
+    step, table_value = listing.shared(2), listing.shared(0)
     changes = {1: x + step * (elementary.exp(p) * x + u)}
-    return ClockedLoop(listing, changes, [x + shown], sizes=PartSizes(2, 1, 1), width=3, num_vehicles=n)
+    return ClockedLoop(listing, changes, [x + table_value], sizes=PartSizes(2, 1, 1), width=3, num_vehicles=n)
 
 
 def by_vehicle(rows, n):
@@ -47,8 +47,8 @@ def test_each_vehicle_uses_the_table_row_that_its_clock_selects(n):
     for tick in range(3):
         loop.clocks.reshape(-1)[:n] = clocks + tick
         loop.advance(table)
-        shown = table[clocks + tick, 0]
-        np.testing.assert_allclose(by_vehicle(loop.log, n)[:, 0], state[:, 1] + shown, rtol=1e-14)
+        table_value = table[clocks + tick, 0]
+        np.testing.assert_allclose(by_vehicle(loop.log, n)[:, 0], state[:, 1] + table_value, rtol=1e-14)
         step = table[clocks + tick, 2]
         state[:, 1] += step * (np.exp(parameters[:, 0]) * state[:, 1] + inputs[:, 0])
         np.testing.assert_allclose(by_vehicle(loop.state, n), state, rtol=1e-13)

@@ -41,7 +41,7 @@ def strided(uncompiled):
     return compile_diagram(uncompiled, ticks=10, record=True)
 
 
-def part_of(simulator):
+def compiled_system_of(simulator):
     """Return the compiled system of a simulator's diagram, and its context."""
     system = compiled_part(simulator.get_system())
     return system, system.GetMyMutableContextFromRoot(simulator.get_mutable_context())
@@ -60,7 +60,7 @@ def names_of(diagram):
 def assert_equal_at(uncompiled, compiled, context):
     """Assert that two simulators have equal states and outputs; `context` is a context of the original diagram."""
     diagram = uncompiled.get_system()
-    system, part = part_of(compiled)
+    system, part = compiled_system_of(compiled)
     context.SetTime(uncompiled.get_context().get_time())
     system.write(part, context)
     assert_alike(state_of(context), state_of(uncompiled.get_context()), "state")
@@ -69,7 +69,7 @@ def assert_equal_at(uncompiled, compiled, context):
         assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
 
 
-# Name of the controller, number of vehicles, and overrides.
+# Each scenario consists of the name of a controller, the number of vehicles, and overrides.
 COMPLETE_SCENARIOS = [
     ("pid", 1, ()),
     ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
@@ -150,8 +150,8 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(un
     contexts = [uncompiled.CreateDefaultContext() for _ in range(2)]
     part = system.CreateDefaultContext()
     vehicle = subsystem(uncompiled, ("laboratory", "vehicle"))
-    own = vehicle.GetMyMutableContextFromRoot(contexts[0])
-    vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.7, r=-0.2))
+    vehicle_context = vehicle.GetMyMutableContextFromRoot(contexts[0])
+    vehicle.set_state(vehicle_context, "state", vehicle.get_state(vehicle_context, "state")._replace(x=0.7, r=-0.2))
     rng = np.random.default_rng(0)
     pd = subsystem(uncompiled, ("control", "position", "pd"))
     gains = pd.GetMyMutableContextFromRoot(contexts[0]).get_mutable_numeric_parameter(0)
@@ -162,7 +162,7 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(un
     for i in range(contexts[0].num_numeric_parameter_groups()):
         actual, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
         np.testing.assert_array_equal(actual, expected)
-    assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(own, "state")
+    assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(vehicle_context, "state")
     own_pd = pd.GetMyContextFromRoot(contexts[0])
     assert system.get_parameter(part, "control.position.pd", "gains") == pd.get_parameter(own_pd, "gains")
 
@@ -173,11 +173,13 @@ def test_a_simulation_can_continue_from_any_state_with_any_parameters(uncompiled
     simulators = [Simulator(uncompiled), Simulator(compiled)]
     context = simulators[0].get_mutable_context()
     vehicle, pd = (subsystem(uncompiled, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
-    own = vehicle.GetMyMutableContextFromRoot(context)
-    vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.2, v_y=0.3, yaw=0.4))
+    vehicle_context = vehicle.GetMyMutableContextFromRoot(context)
+    vehicle.set_state(
+        vehicle_context, "state", vehicle.get_state(vehicle_context, "state")._replace(x=0.2, v_y=0.3, yaw=0.4)
+    )
     gains = pd.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
     gains.SetFromVector(0.8 * gains.CopyToVector())
-    system, part = part_of(simulators[1])
+    system, part = compiled_system_of(simulators[1])
     system.read(part, context)
     for time in (0.0, 0.1, 0.203):
         for simulator in simulators:
@@ -218,25 +220,25 @@ def test_reading_the_state_of_an_uncompiled_system_is_refused(compiled, path):
 
 
 @pytest.mark.slow
-def test_the_monitor_of_drakes_simulator_observes_the_same_flight(uncompiled, compiled):
+def test_the_monitor_of_the_simulator_of_drake_observes_the_same_flight(uncompiled, compiled):
     """With the uncompiled and the compiled diagram, the monitor is called at equal times with equal states."""
-    seen = []
+    observed = []
     for diagram in (uncompiled, compiled):
         simulator = Simulator(diagram)
         states = []
 
-        def watch(root, diagram=diagram, states=states):
+        def observe(root, diagram=diagram, states=states):
             state = diagram.GetOutputPort("state").Eval(root)
             states.append([root.get_time(), *state])
             if root.get_time() > 0.175:
                 return EventStatus.ReachedTermination(diagram, "far enough")
             return EventStatus.DidNothing()
 
-        simulator.set_monitor(watch)
+        simulator.set_monitor(observe)
         simulator.AdvanceTo(1.0)
-        seen.append(states)
-    assert len(seen[0]) > 15
-    assert_alike(seen[1], seen[0])
+        observed.append(states)
+    assert len(observed[0]) > 15
+    assert_alike(observed[1], observed[0])
 
 
 @pytest.mark.slow
@@ -244,13 +246,13 @@ def test_the_monitor_of_drakes_simulator_observes_the_same_flight(uncompiled, co
 def test_no_event_starts_after_the_end_of_the_simulation(strided, last):
     """An event that starts before or at the end of the simulation is simulated with all of its ticks."""
     simulators = [Simulator(strided) for _ in range(2)]
-    system, part = part_of(simulators[0])
+    system, part = compiled_system_of(simulators[0])
     system.set_end(part, last)
     logs = []
     for simulator in simulators:
         simulator.AdvanceTo(0.5)
-        own, context = part_of(simulator)
-        logs.append(own.log(context))
+        compiled_system, context = compiled_system_of(simulator)
+        logs.append(compiled_system.log(context))
     ticks = round(last / 0.02 + 0.25) + 1 if last != 0.21 else 11
     assert all(len(values) == ticks for values in logs[0].values())
     assert all(len(values) == 30 for values in logs[1].values())
@@ -259,7 +261,7 @@ def test_no_event_starts_after_the_end_of_the_simulation(strided, last):
 
 
 def test_nothing_is_recorded_before_the_first_tick(strided):
-    system, context = part_of(Simulator(strided))
+    system, context = compiled_system_of(Simulator(strided))
     assert {name: values.shape for name, values in system.log(context).items()} == {
         name: (0, strided.GetOutputPort(name).size()) for name in names_of(strided)[1]
     }
@@ -277,12 +279,12 @@ def test_a_simulation_cannot_begin_between_two_events_if_each_event_simulates_se
 @pytest.mark.slow
 def test_recorded_outputs_have_the_values_before_the_discrete_updates(uncompiled, strided, compiled):
     """Recorded values start at time zero, and do not depend on the number of ticks that an event simulates."""
-    often = compile_diagram(uncompiled, record=True)
+    with_single_ticks = compile_diagram(uncompiled, record=True)
     logs = []
-    for diagram in (strided, often):
+    for diagram in (strided, with_single_ticks):
         simulator = Simulator(diagram)
         simulator.AdvanceTo(0.39)
-        system, part = part_of(simulator)
+        system, part = compiled_system_of(simulator)
         assert system.tick == 0.02
         logs.append(system.log(part))
     assert logs[0].keys() == logs[1].keys() == set(names_of(uncompiled)[1])
@@ -303,7 +305,9 @@ def test_contexts_of_one_compiled_diagram_are_independent(strided):
         simulator.AdvanceTo(time)
     clone = simulators[0].get_context().Clone()
     Simulator(strided, clone)
-    lengths = [len(part_of(simulator)[0].log(part_of(simulator)[1])["state"]) for simulator in simulators]
+    lengths = [
+        len(compiled_system_of(simulator)[0].log(compiled_system_of(simulator)[1])["state"]) for simulator in simulators
+    ]
     assert lengths == [10, 20]
 
 

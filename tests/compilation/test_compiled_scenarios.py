@@ -36,15 +36,15 @@ def specs():
 
 
 def _kind(value):
-    """Return the type of a number, or the text of another value."""
+    """Return the type of a number, or the representation of any other value."""
     return type(value) if type(value) in (int, float) else repr(value)
 
 
 def features_of(batch, plan):
     """Return the features of a batch's diagram: the class of each system, with each of its structural arguments.
 
-    A structural argument, such as `effects`, determines ports and events of a system. Numbers, such as periods, only
-    contribute their type. Each item of a tuple, such as each effect, is a separate feature.
+    A structural argument, such as `effects`, determines ports and events of a system. Each item of a tuple, such as
+    each effect, is a separate feature. Numbers, such as periods, count as equal if they have the same type.
     """
     recipes = laboratory_recipes(batch, plan, 1.0) | control_recipes(batch, plan)
     features = set()

@@ -1,4 +1,4 @@
-"""Tests of machine code that simulates events, from handwritten listings."""
+"""Tests of machine code that simulates events, generated from handwritten listings."""
 
 import itertools
 
@@ -21,8 +21,16 @@ def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, wi
     """Simulate events, and return the final state and the log.
 
     Args:
-        groups: state and parameters of N vehicles, each (rows, N).
-        shared: (events, width) values that all vehicles share in each event."""
+        listing: listing of the operations of an event.
+        changes: next values of state components, by their index.
+        logged: rows that are logged at each event.
+        state: (rows, N) state of N vehicles.
+        parameters: (rows, N) parameters.
+        inputs: (rows, N) inputs.
+        shared: (events, width) values that all vehicles share in each event.
+        width: width of `shared`, if it has no events.
+        single_vehicle: True to compile the code for a single vehicle.
+    """
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
@@ -36,13 +44,13 @@ def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, wi
         width=shared.shape[1] if width is None else width,
         single_vehicle=single_vehicle,
     )
-    flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded(n)), np.nan)
+    flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded_num_vehicles(n)), np.nan)
     loop.run(flat, parameters.ravel(), inputs.ravel(), shared, log, n)
     return flat.reshape(-1, n), log[:, :, :n]
 
 
 def rows_of(listing, group, count):
-    return [listing.row(group, place) for place in range(count)]
+    return [listing.row(group, index) for index in range(count)]
 
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
@@ -50,8 +58,8 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
     """Each event reads the state after the previous event and its shared values, and logs the previous state."""
     listing = Listing()
     x, v = rows_of(listing, STATE, 2)
-    ((stiffness,), (push,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)
-    changes = {0: x + step * v, 1: v + step * (push - elementary.exp(stiffness) * x)}
+    ((stiffness,), (force,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)
+    changes = {0: x + step * v, 1: v + step * (force - elementary.exp(stiffness) * x)}
     rng = np.random.default_rng(n)
     state, parameters, inputs = rng.normal(size=(2, n)), rng.normal(size=(1, n)), rng.normal(size=(1, n))
     shared = rng.uniform(0.1, 0.2, (5, 2))
@@ -81,7 +89,9 @@ def test_only_state_components_that_change_are_written(n):
     for events in (0, 1):
         state = np.arange(3.0 * n + 5.0)
         none = np.empty(0)
-        loop.run(state[: 3 * n], none, none, np.empty((events, 1)), np.empty((events, 0, loop.padded(n))), n)
+        loop.run(
+            state[: 3 * n], none, none, np.empty((events, 1)), np.empty((events, 0, loop.padded_num_vehicles(n))), n
+        )
         expected = np.arange(3.0 * n + 5.0)
         if events:
             expected[n : 2 * n] = expected[:n] + 1.0
@@ -102,8 +112,8 @@ def test_the_number_of_log_columns_is_rounded_up_to_whole_vectors_of_vehicles():
         Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
         for single_vehicle in (True, False)
     ]
-    assert loops[0].padded(1) == 1
-    assert [loops[1].padded(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
+    assert loops[0].padded_num_vehicles(1) == 1
+    assert [loops[1].padded_num_vehicles(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
     assert [loop.num_logged for loop in loops] == [1, 1]
 
 
@@ -111,7 +121,7 @@ def listing_with_late_uses():
     """Return a listing in which numbers, booleans, 64-bit words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
-    (push,) = rows_of(listing, INPUTS, 1)
+    (force,) = rows_of(listing, INPUTS, 1)
     masks = [a > b for a, b in itertools.pairwise(state)]
     words = [elementary.to_uint64(abs(x)) for x in state]
     values = list(state)
@@ -119,7 +129,7 @@ def listing_with_late_uses():
         for i in range(6):
             fixed = parameters[i % 3] * (parameters[(i + 1) % 3] + float(turn))
             where_fixed = elementary.where(parameters[0] < parameters[1], fixed, -fixed)
-            values[i] = 0.5 * values[i] + 0.25 * values[(i + turn) % 6] + where_fixed * push + listing.shared(0)
+            values[i] = 0.5 * values[i] + 0.25 * values[(i + turn) % 6] + where_fixed * force + listing.shared(0)
     for i, mask in enumerate(masks):
         values[i] = elementary.where(mask & masks[0] | (values[5] > 0.0), values[i], state[i])
         values[i] = values[i] + elementary.from_uint64(words[i] + words[5])
@@ -150,13 +160,17 @@ def test_shifted_state_components_are_read_before_they_are_overwritten(order):
     """The example is a delay line. Its first component is computed late, and the others are shifted in any order."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
-    fresh = rows[0]
+    new_value = rows[0]
     for number in range(7):
-        fresh = fresh * 0.5 + float(number)
-    moves = {0: fresh, 1: rows[0], 2: rows[1], 3: rows[2]}
-    logged = [rows[3], rows[order[0]] + fresh]
+        new_value = new_value * 0.5 + float(number)
+    next_values = {0: new_value, 1: rows[0], 2: rows[1], 3: rows[2]}
+    logged = [rows[3], rows[order[0]] + new_value]
     actual, log = run(
-        listing, {row: moves[row] for row in order}, logged, state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]] * 3
+        listing,
+        {row: next_values[row] for row in order},
+        logged,
+        state=[[1.0], [2.0], [3.0], [4.0]],
+        shared=[[0.0]] * 3,
     )
     state, expected_log = [1.0, 2.0, 3.0, 4.0], []
     for _ in range(3):
@@ -174,10 +188,10 @@ def test_an_event_can_permute_state_components(targets):
     """The fourth component is computed from the values that the other three have before the permutation."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
-    early, late = rows[0] * 2.0, rows[1] + rows[2]
+    first_term, second_term = rows[0] * 2.0, rows[1] + rows[2]
     for _ in range(4):
-        late = late * rows[2]
-    changes = {**{row: rows[target] for row, target in enumerate(targets)}, 3: early + late}
+        second_term = second_term * rows[2]
+    changes = {**{row: rows[target] for row, target in enumerate(targets)}, 3: first_term + second_term}
     (actual, _) = run(listing, changes, [], state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]])
     np.testing.assert_array_equal(actual[:3, 0], 1.0 + np.array(targets))
     assert actual[3, 0] == 2.0 + 5.0 * 3.0**4

@@ -22,12 +22,12 @@ from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.records import ROW
 
 
-def grown(x, by, constant, seen):
-    return (x[0] + by[0] * constant + seen,)
+def grown(x, factor, constant, value):
+    return (x[0] + factor[0] * constant + value,)
 
 
-def shrunk(x, by, constant, seen):
-    return (x[0] - by[0] * constant - seen,)
+def shrunk(x, factor, constant, value):
+    return (x[0] - factor[0] * constant - value,)
 
 
 def swapped(x, constant):
@@ -49,10 +49,10 @@ class Growing(FleetSystem):
         at_start=True,
         parameters=1.0,
     ):
-        seen = self.input("seen", layout=ROW, absent=absent)
-        by = self.parameter("by", lambda number: (number,))
+        value = self.input("value", layout=ROW, absent=absent)
+        factor = self.parameter("factor", lambda number: (number,))
         x = self.state("x", lambda number: (0.5 * number,))
-        reads = x, by, constant, seen
+        reads = x, factor, constant, value
         self.update(period, formula, *reads, writes=[x], unrestricted=unrestricted, at_start=at_start)
         self.output("turned", swapped, x, constant, layout=ROW)
         self.state_output(x)
@@ -66,7 +66,7 @@ def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="sma
     constant = builder.AddNamedSystem("constant", ConstantVectorSource(np.full(n, value)))
     builder.Connect(grows.GetOutputPort("x"), held.get_input_port())
     builder.Connect(held.get_output_port() if connected else constant.get_output_port(), factor.get_input_port())
-    builder.Connect(factor.get_output_port(), grows.GetInputPort("seen"))
+    builder.Connect(factor.get_output_port(), grows.GetInputPort("value"))
     builder.ExportOutput(grows.GetOutputPort("x"), "x")
     builder.ExportOutput(grows.GetOutputPort("turned"), "turned")
     diagram = builder.Build()
@@ -124,17 +124,17 @@ def test_fleets_of_different_sizes_share_machine_code(new_loops):
         shared = builder.AddNamedSystem("shared", Broadcast(n, num_rows=1))
         grows = builder.AddNamedSystem("grows", Growing(num_vehicles=n))
         together = builder.AddNamedSystem("together", Multiplexer([n, n]))
-        apart = builder.AddNamedSystem("apart", Demultiplexer([n, n]))
+        demultiplexer = builder.AddNamedSystem("apart", Demultiplexer([n, n]))
         factor = builder.AddNamedSystem("factor", Gain(0.5, n))
         builder.Connect(source.get_output_port(), parts.get_input_port())
         builder.Connect(parts.get_output_port(0), shared.get_input_port())
         builder.Connect(grows.GetOutputPort("x"), together.get_input_port(0))
         builder.Connect(shared.get_output_port(), together.get_input_port(1))
-        builder.Connect(together.get_output_port(), apart.get_input_port())
-        builder.Connect(apart.get_output_port(1), factor.get_input_port())
-        builder.Connect(factor.get_output_port(), grows.GetInputPort("seen"))
+        builder.Connect(together.get_output_port(), demultiplexer.get_input_port())
+        builder.Connect(demultiplexer.get_output_port(1), factor.get_input_port())
+        builder.Connect(factor.get_output_port(), grows.GetInputPort("value"))
         builder.ExportOutput(grows.GetOutputPort("x"), "x")
-        builder.ExportOutput(apart.get_output_port(1), "turned")
+        builder.ExportOutput(demultiplexer.get_output_port(1), "turned")
         diagram = builder.Build()
         diagram.set_name("fleet")
         return diagram
@@ -148,7 +148,7 @@ def test_fleets_of_different_sizes_share_machine_code(new_loops):
     assert len(new_loops) > counts[0]
 
 
-# Arguments of `diagram_of`, each of which changes the computations of the diagram.
+# Each of these arguments of `diagram_of` changes the computations of the diagram.
 DIAGRAM_DIFFERENCES = [
     {"formula": grown},
     {"constant": 2.5},
@@ -202,25 +202,25 @@ class WithInitialParameters(FleetSystem):
         self.state_output(x)
 
 
-def taken(x, by, seen):
-    return (total(x, by, seen),)
+def taken(x, factor, value):
+    return (total(x, factor, value),)
 
 
-def total(x, by, seen):
-    return x[0] + by[0] + seen
+def total(x, factor, value):
+    return x[0] + factor[0] + value
 
 
 @fleet_system(float)
 class Selecting(FleetSystem):
     """System with two ports, two parameters and two states; its formula uses one of each."""
 
-    def declare(self, *, seen="one", by="one", read="one", written="one"):
-        inputs = {name: self.input(f"seen_{name}", layout=ROW) for name in ("one", "two")}
+    def declare(self, *, value="one", factor="one", read="one", written="one"):
+        inputs = {name: self.input(f"value_{name}", layout=ROW) for name in ("one", "two")}
         parameters = {
-            name: self.parameter(f"by_{name}", lambda _, i=i: (i,)) for name, i in (("one", 1.0), ("two", 2.0))
+            name: self.parameter(f"factor_{name}", lambda _, i=i: (i,)) for name, i in (("one", 1.0), ("two", 2.0))
         }
         states = {name: self.state(f"x_{name}", lambda _, i=i: (i,)) for name, i in (("one", 10.0), ("two", 20.0))}
-        reads = states[read], parameters[by], inputs[seen]
+        reads = states[read], parameters[factor], inputs[value]
         self.update(0.01, taken, *reads, writes=[states[written]])
         self.output("shown", total, *reads, layout=ROW)
         for state in states.values():
@@ -244,22 +244,22 @@ def test_diagrams_that_differ_only_in_the_gain_of_one_component_have_different_r
 
 def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_events():
     """All ports, parameters and states have different values, so the result reveals which of them the formula uses."""
-    for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
+    for choice in ({}, *({name: "two"} for name in ("value", "factor", "read", "written"))):
         builder = DiagramBuilder()
         chooses = builder.AddNamedSystem("chooses", Selecting(**choice))
         for name, number in (("one", 100.0), ("two", 200.0)):
             constant = builder.AddNamedSystem(name, ConstantVectorSource([number]))
-            builder.Connect(constant.get_output_port(), chooses.GetInputPort(f"seen_{name}"))
+            builder.Connect(constant.get_output_port(), chooses.GetInputPort(f"value_{name}"))
         for name in ("shown", "x_one", "x_two"):
             builder.ExportOutput(chooses.GetOutputPort(name), name)
         uncompiled = builder.Build()
-        shown = []
+        outputs = []
         for diagram in (uncompiled, compile_diagram(uncompiled)):
             simulator = Simulator(diagram)
             simulator.AdvanceTo(0.015)
             context = simulator.get_context()
-            shown.append([diagram.GetOutputPort(name).Eval(context).item() for name in ("shown", "x_one", "x_two")])
-        assert shown[0] == shown[1], choice
+            outputs.append([diagram.GetOutputPort(name).Eval(context).item() for name in ("shown", "x_one", "x_two")])
+        assert outputs[0] == outputs[1], choice
 
 
 def test_mutable_constants_are_never_shared():
@@ -296,14 +296,14 @@ def test_events_that_were_removed_from_the_cache_are_compiled_again(new_loops, m
 def test_tables_that_were_removed_from_the_cache_are_computed_again(monkeypatch):
     diagram = diagram_of()
     logs = []
-    for most in (256, 1):
-        monkeypatch.setattr("drake_quad.compilation.compiled_system._MAX_TABLES", most)
+    for max_entries in (256, 1):
+        monkeypatch.setattr("drake_quad.compilation.compiled_system._MAX_TABLES", max_entries)
         compiled = compile_diagram(diagram, ticks=2, record=True)
         part = compiled_part(compiled)
         for _ in range(2):
             simulator = Simulator(compiled)
             simulator.AdvanceTo(3.0)
             logs.append(part.log(part.GetMyContextFromRoot(simulator.get_context()))["x"])
-        assert len(part._tables) <= most
+        assert len(part._tables) <= max_entries
     for log in logs[1:]:
         np.testing.assert_array_equal(log, logs[0])

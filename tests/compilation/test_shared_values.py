@@ -14,14 +14,14 @@ def no_value(path, output, time):
 def test_a_shared_value_that_is_requested_twice_has_one_column_of_the_table():
     shared = SharedValues()
     ticks = CurrentTick(0.02)
-    places = [
+    columns = [
         shared.column(0, TIME_VALUE),
         shared.column(1, TIME_VALUE),
         shared.column(0, ticks),
         shared.second(0, ticks),
         shared.column(0, CurrentTick(0.04)),
     ]
-    assert places == [0, 1, 2, 3, 4]
+    assert columns == [0, 1, 2, 3, 4]
     assert shared.column(1, TIME_VALUE) == 1
     assert shared.column(0, CurrentTick(0.02)) == 2
     assert shared.second(0, CurrentTick(0.02)) == 3
@@ -44,15 +44,15 @@ def test_a_source_is_evaluated_once_for_all_its_elements():
     for element in (2, 0):
         shared.column(1, SharedValueSource("reference", 0, element))
     shared.column(0, SharedValueSource("reference", 0, 1))
-    asked = []
+    evaluations = []
 
     def values(path, output, time):
-        asked.append((path, output, time))
+        evaluations.append((path, output, time))
         return time + np.array([10.0, 20.0, 30.0])
 
     table = shared.table(np.array([[0.0, 1.0], [2.0, 3.0]]), values)
     np.testing.assert_array_equal(table, [[31.0, 11.0, 20.0], [33.0, 13.0, 22.0]])
-    assert asked == [("reference", 0, time) for time in (1.0, 3.0, 0.0, 2.0)]
+    assert evaluations == [("reference", 0, time) for time in (1.0, 3.0, 0.0, 2.0)]
 
 
 @pytest.mark.parametrize("events", [0, 2])

@@ -55,7 +55,7 @@ def cascade(feed_forward, position=None, network=None):
 
 
 def output_of(system, **inputs):
-    """Return the only output of a system for these inputs."""
+    """Return the only output of a system for the signals in `INPUTS`."""
     context = system.CreateDefaultContext()
     for name, rows in inputs.items():
         system.GetInputPort(name).FixValue(context, rows)
@@ -181,7 +181,7 @@ def test_a_network_corrects_any_controller_and_reads_its_disturbance_estimate():
 
 @pytest.mark.parametrize("leads", [False, True])
 def test_a_controller_receives_the_disturbance_learned_for_the_present_position(leads):
-    """The correction is evaluated at the position after the lead time, the learned disturbance at the current one."""
+    """The correction is evaluated at the position after the lead time, and the disturbance at the current position."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, parameters=FuzzyRulesParameters((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()
@@ -190,12 +190,14 @@ def test_a_controller_receives_the_disturbance_learned_for_the_present_position(
     learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", (weights,) * 2)
     for name in ("measurement", "reference"):
         control.GetInputPort(name).FixValue(context, INPUTS[name])
-    own = position.GetMyContextFromRoot(context)
-    commanded = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
+    position_context = position.GetMyContextFromRoot(context)
+    received = {
+        name: position.GetInputPort(name).Eval(position_context) for name in ("correction", "learned_disturbance")
+    }
     z, v_z = INPUTS["measurement"].z, INPUTS["measurement"].v_z
     for name, ahead in (("correction", leads * lead), ("learned_disturbance", 0.0)):
         expected = np.dot(weights, firing_strengths((z + ahead * v_z,), sets))
-        np.testing.assert_allclose(commanded[name], [expected, expected, 0.0], rtol=1e-14)
+        np.testing.assert_allclose(received[name], [expected, expected, 0.0], rtol=1e-14)
     assert v_z != 0.0
 
 

@@ -55,7 +55,7 @@ def test_the_published_lyapunov_function_decreases_under_exact_dynamics():
     """
     k_R, k_Omega, c = 0.12, 0.05, 0.004
     parameters = AttitudeParameters(PerAngle(*(k_R / INERTIA)), PerAngle(*(k_Omega / INERTIA)), *INERTIA)
-    desired, still = Attitude(0.2, -0.3, 0.7), (0.0, 0.0, 0.0)
+    desired, zero = Attitude(0.2, -0.3, 0.7), (0.0, 0.0, 0.0)
     R_d = scipy.spatial.transform.Rotation.from_euler("ZYX", [0.7, -0.3, 0.2]).as_matrix()
     axis = np.array([0.6, -0.48, 0.64])
     R_0 = R_d @ scipy.spatial.transform.Rotation.from_rotvec(math.radians(178.0) * axis).as_matrix()
@@ -63,7 +63,7 @@ def test_the_published_lyapunov_function_decreases_under_exact_dynamics():
     def slope(_, state):
         R, w = state[:9].reshape(3, 3), state[9:]
         measurement = State(0.0, 0.0, 0.0, *angles_of(R), 0.0, 0.0, 0.0, *w)
-        torque = geometric_law(measurement, desired, BodyRates(*still), AngularAcceleration(*still), parameters)
+        torque = geometric_law(measurement, desired, BodyRates(*zero), AngularAcceleration(*zero), parameters)
         hat = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
         return np.concatenate([(R @ hat).ravel(), (np.array(torque) - np.cross(w, INERTIA * w)) / INERTIA])
 
@@ -188,7 +188,7 @@ def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
     for i, integral in enumerate(("", ", k_i: [30.0, 30.0, 2.0]")):
         attitude = f"control.attitude={{kind: geometric, {gains}{integral}}}"
         flight = simulate(load_scenario(diagrams / "hover.yaml", [attitude, *offset]), compiled=True)
-        lean = flight.record("attitude_command").roll - flight.record("state").roll
-        roll_errors[i] = np.abs(lean[-50:]).max()
+        roll_error = flight.record("attitude_command").roll - flight.record("state").roll
+        roll_errors[i] = np.abs(roll_error[-50:]).max()
     assert roll_errors[0] > 0.02
     assert roll_errors[1] < 0.02 * roll_errors[0]

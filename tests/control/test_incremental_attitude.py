@@ -29,13 +29,13 @@ def state_after_settling(law_of):
 
     The vehicle follows the commanded angular acceleration with the modelled lag.
     """
-    angles, rates, following = np.zeros(3), np.zeros(3), np.zeros(3)
+    angles, rates, modelled_response = np.zeros(3), np.zeros(3), np.zeros(3)
     for _ in range(400):
         measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
         command = np.array(law_of(measurement)) / INERTIA
         for _ in range(25):
-            following += H / 25 / LAG * (command - following)
-            rates += H / 25 * (following + DISTURBING_ACCELERATION)
+            modelled_response += H / 25 / LAG * (command - modelled_response)
+            rates += H / 25 * (modelled_response + DISTURBING_ACCELERATION)
             angles += H / 25 * rates
     return angles, rates
 
@@ -47,9 +47,9 @@ def test_a_constant_torque_deflects_a_pd_but_not_indi():
     states = [initial_states]
 
     def incremental(measurement):
-        memory, following = states.pop()
+        memory, modelled_response = states.pop()
         arguments = measurement, *LEVEL_COMMAND, PARAMETERS, H
-        states.append(next_incremental_memory(memory, following, (), *arguments)[:2])
+        states.append(next_incremental_memory(memory, modelled_response, (), *arguments)[:2])
         return incremental_torque(memory, *arguments)
 
     angles, rates = state_after_settling(incremental)
@@ -77,7 +77,7 @@ def test_the_torque_follows_the_equation_of_incremental_control():
     filtered, modelled, before = np.zeros((2, 3)), np.zeros(3), np.zeros(3)
     rate_increment = np.zeros(3)  # rad/s, change of the modelled body rates in the last tick
     memory = (PARAMETERS.law.initial_memory(0.0),) * 3
-    following = (AxisCommand(0.0, 0.0),) * 3
+    modelled_response = (AxisCommand(0.0, 0.0),) * 3
     for _ in range(40):
         angles, rates, attitude, commanded_rates, feed_forward = rng.normal(size=(5, 3)) * [
             [0.2],
@@ -94,7 +94,9 @@ def test_the_torque_follows_the_equation_of_incremental_control():
         requested = Attitude(*attitude), BodyRates(*commanded_rates), AngularAcceleration(*feed_forward)
         torque = incremental_torque(memory, measurement, *requested, PARAMETERS, H)
         np.testing.assert_allclose(torque, expected, rtol=0.0, atol=1e-12)
-        memory, following, _ = next_incremental_memory(memory, following, (), measurement, *requested, PARAMETERS, H)
+        memory, modelled_response, _ = next_incremental_memory(
+            memory, modelled_response, (), measurement, *requested, PARAMETERS, H
+        )
         # The model α' = (α_c - d - α) / lag is solved exactly over a tick.
         command = desired - disturbance
         decay = np.exp(-H / LAG)

@@ -21,7 +21,7 @@ from drake_quad.signals import Acceleration, AngularAcceleration, Jerk, Referenc
 G = 9.81  # m/s²
 MASS = 0.0325  # kg
 INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])  # kg m²
-# These limits are never reached, so the law is the published one.
+# The commands never reach these limits, so the law equals the published one.
 VECTORING_PARAMETERS = VectoringParameters(MASS, G, ThrustLimits(tan_max_tilt=1e3, min_thrust=1e-6, max_thrust=1e3))
 GAINS = AttitudeParameters(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
 K_P = np.array(GAINS.k_p)
@@ -93,13 +93,13 @@ def test_thrust_attitude_rates_and_torque_match_the_paper(seed):
     )
     np.testing.assert_allclose(geometric_law(measurement, *commanded, GAINS), torque, atol=1e-11)
     # The firmware omits the term J (ω x ω_r).
-    without = torque + INERTIA * np.cross(Omega, R.T @ R_c @ Omega_c)
-    np.testing.assert_allclose(geometric_law(measurement, *commanded, GAINS, False), without, atol=1e-11)
+    firmware_torque = torque + INERTIA * np.cross(Omega, R.T @ R_c @ Omega_c)
+    np.testing.assert_allclose(geometric_law(measurement, *commanded, GAINS, False), firmware_torque, atol=1e-11)
 
 
-def heading_between(one, other):
+def heading_between(first, second):
     """Return the angle between two attitudes about their common z axis, rad."""
-    turn = rotation_of(*one).T @ rotation_of(*other)
+    turn = rotation_of(*first).T @ rotation_of(*second)
     np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-13)
     return math.atan2(turn[1, 0], turn[0, 0])
 
@@ -179,16 +179,16 @@ def commanded_by_firmware(flight):
     control = flight.scenario.control
     nominal = flight.scenario.nominal
     inertia = np.array(nominal.inertia)
-    own = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
+    attitude_gains = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
     gains = [np.array(getattr(control.position, name)) for name in ("k_p", "k_d", "k_i")]
-    gains += [np.array(rows) * inertia for rows in own]
+    gains += [np.array(rows) * inertia for rows in attitude_gains]
     law = Firmware(gains, nominal.mass, inertia, flight.scenario.laboratory.command_link.period)
     return np.array([law(*rows) for rows in zip(flight["measurement"], flight["reference"], strict=True)])
 
 
 @pytest.mark.slow
 def test_wrenches_in_flight_agree_with_the_firmware():
-    """The flight has no jerk feedforward. Both integrals are active, and tilts are large."""
+    """The flight has no jerk feedforward. Both integrals are active, and the tilt is large."""
     flight = simulated_flight()
     assert not flight.metrics.crashed
     assert np.abs(flight["state"][:, 3:5]).max(axis=0).min() > 0.3
@@ -213,7 +213,7 @@ def test_every_firmware_option_is_needed_to_reproduce_its_wrenches(field, value,
 
 @pytest.mark.parametrize("log", ["08", "100", "145", "180"])
 def test_logged_attitude_commands_have_a_level_y_axis_instead_of_the_reference_yaw(root, log):
-    """The reference yaw is zero, so y_d is perpendicular to X. The logs are rounded to half a milliradian."""
+    """The reference yaw is zero, so the commanded y axis is perpendicular to X. Logs are rounded to 0.5 mrad."""
     command = read_log(root / f"tests/data/crazyflie/crazyswarm2/log{log}.xz").attitude_command
     y_d = BodyAxes.of(*command.T).y
     assert np.abs(y_d.x).max() < 6e-4 < 4e-3 < np.abs(command[:, 2]).max()
@@ -225,7 +225,9 @@ def test_logged_torques_contain_no_transport_term(root):
     # KR, Kw and KI are from the firmware's source file, as in tests/identification/test_crazyswarm2.py.
     KR, Kw, KI = 0.008, 0.002, 0.024
     attitudes = zip(record.attitude, record.attitude_command, strict=True)
-    error = np.array([rotation_error(rotation_of(*own), rotation_of(*commanded))[2] for own, commanded in attitudes])
+    error = np.array(
+        [rotation_error(rotation_of(*attitude), rotation_of(*commanded))[2] for attitude, commanded in attitudes]
+    )
     omega, omega_r = record.body_rates, record.body_rate_command
     error_integral = np.cumsum(error * np.gradient(record.time))
     gyroscopic = np.cross(omega, INERTIA * omega)[:, 2]
@@ -233,6 +235,8 @@ def test_logged_torques_contain_no_transport_term(root):
     transport = (INERTIA * np.cross(omega, omega_r))[:, 2]
     logged = record.torque_command[:, 2]
     # The integral before the start of the log is unknown but constant, so it does not change the variance.
-    without, with_transport = (np.var(logged - each) / np.var(logged) for each in (torque, torque - transport))
-    assert without < 0.003
+    without_transport, with_transport = (
+        np.var(logged - each) / np.var(logged) for each in (torque, torque - transport)
+    )
+    assert without_transport < 0.003
     assert with_transport > 0.02

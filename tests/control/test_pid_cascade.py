@@ -92,7 +92,7 @@ class Px4:
             self.rate += fraction * ((velocity - self.before) / PERIOD - self.rate)
         self.before = velocity
         first = (target - position) * K_P_POSITION
-        setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
+        setpoint = np.array([*self.limited_sum(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
         setpoint[2] = np.clip(setpoint[2], -MAX_HORIZONTAL_UP_DOWN_SPEEDS[1], MAX_HORIZONTAL_UP_DOWN_SPEEDS[2])
         error = setpoint - velocity
         demanded = acceleration + error * K_P + self.integral - self.rate * K_D
@@ -119,7 +119,7 @@ class Px4:
         return thrust
 
     @staticmethod
-    def shortened(first, second):
+    def limited_sum(first, second):
         """Return the sum of two velocities, with the second one shortened if the sum exceeds the largest speed."""
         if np.linalg.norm(first + second) <= MAX_HORIZONTAL_UP_DOWN_SPEEDS[0]:
             return first + second
@@ -185,7 +185,7 @@ def test_a_saturated_sum_of_two_velocities_reduces_the_second_velocity_first():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
         velocity = np.array(saturate_velocity_sum(tuple(first), tuple(second), 2.0))
-        np.testing.assert_allclose(velocity, Px4.shortened(first, second), atol=1e-9)
+        np.testing.assert_allclose(velocity, Px4.limited_sum(first, second), atol=1e-9)
         assert np.linalg.norm(velocity) <= 2.0 + 1e-9
     assert saturate_velocity_sum((3.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((2.0, 0.0))
     assert saturate_velocity_sum((0.0, 0.0), (0.0, -3.0), 2.0) == pytest.approx((0.0, -2.0))
@@ -252,11 +252,11 @@ def test_an_integral_removes_the_error_that_a_trim_force_causes():
     """The integral balances the trim force F. Without it, the error is F / m divided by both proportional gains."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
-    still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
-    still |= {"laboratory.autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0, 0, 0]}}
+    noise_free = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
+    noise_free |= {"laboratory.autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0, 0, 0]}}
     errors = []
     for k_i in ([0.4, 0.4, 2.0], [0.0, 0.0, 0.0]):
-        flight = simulate(load_scenario("onboard", {**PX4_CONTROL, **hover, **still, "control.velocity.k_i": k_i}))
+        flight = simulate(load_scenario("onboard", {**PX4_CONTROL, **hover, **noise_free, "control.velocity.k_i": k_i}))
         errors.append(flight.record("state").x[-1])
     mass = flight.scenario.nominal.mass
     assert errors[0] == pytest.approx(0.0, abs=2e-3)
@@ -291,7 +291,7 @@ def test_the_linear_model_has_the_period_of_a_cascade_that_is_slower_than_the_ti
         ({"control.velocity.integration": "backward_euler"}, "velocity.integration .* must be forward_euler"),
         (
             {"laboratory.autopilot": {"yaw_weight": 0.4, "attitude_terms": {"k_i": [1, 1, 1]}}},
-            "attitude_terms .* must be left out: with yaw_weight the attitude loop is proportional",
+            "attitude_terms .* must be left out, since an attitude loop with yaw_weight is proportional",
         ),
     ],
 )

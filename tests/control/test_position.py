@@ -77,7 +77,7 @@ def test_the_position_controller_agrees_for_fleets_and_single_vehicles():
 
 
 def test_the_estimator_models_the_command_plus_the_correction():
-    """Otherwise, it would estimate again the part of the disturbance that is already corrected."""
+    """Otherwise, the estimator would also estimate the part of the disturbance that the correction compensates."""
     lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
     estimator = DisturbanceEstimator(parameters=EstimatorParameters((IncrementalLaw(5.0),) * 3, lags, 10.0))
     pd = ProportionalDerivative(parameters=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
@@ -97,8 +97,8 @@ def test_the_estimator_models_the_command_plus_the_correction():
     assert np.abs(disturbance).min() > 0.01
     np.testing.assert_allclose(command, output("pd") + forward - correction - disturbance)
     simulator.AdvancePendingEvents()
-    following = estimator.get_state(estimator.GetMyContextFromRoot(context), "following")
-    for axis, (followed, lag) in enumerate(zip(following, lags, strict=True)):
+    modelled_response = estimator.get_state(estimator.GetMyContextFromRoot(context), "modelled_response")
+    for axis, (followed, lag) in enumerate(zip(modelled_response, lags, strict=True)):
         feedback = command[axis] + correction[axis] - forward[axis]
         assert followed.feedback == pytest.approx(feedback * (1.0 - math.exp(-0.02 / lag.feedback)), rel=1e-12)
         assert followed.feed_forward == pytest.approx(forward[axis] * (1.0 - math.exp(-0.02 / lag.feed_forward)))

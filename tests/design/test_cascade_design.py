@@ -8,12 +8,12 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import (
     _has_equal_response,
-    _markov,
+    _impulse_response,
     attitude_plant,
     hover_offset,
     position_plant,
 )
-from drake_quad.design.gains import AxisGains
+from drake_quad.design.gains import AxisPdGains
 from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.sampled_system import SampledSystem
 
@@ -28,8 +28,8 @@ def delay_plant(ticks, gain=1.0):
 def test_the_compared_impulse_response_has_twice_as_many_samples_as_states():
     plant = replace(delay_plant(3), A=np.diag([0.5, 0.25, 2.0]), B=np.ones((3, 1)), C=np.array([[1.0, 2.0, 3.0]]))
     expected = [0.5**k + 2.0 * 0.25**k + 3.0 * 2.0**k for k in range(6)]
-    np.testing.assert_allclose(_markov(plant)[:, 0, 0], expected)
-    np.testing.assert_array_equal(_markov(delay_plant(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(_impulse_response(plant)[:, 0, 0], expected)
+    np.testing.assert_array_equal(_impulse_response(delay_plant(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def test_plants_with_equal_impulse_responses_count_as_equal():
@@ -77,7 +77,7 @@ def test_the_position_responds_to_a_commanded_acceleration_through_the_tilt(plan
     The tilt loop is much faster than the tested frequencies.
     """
     scenario, laboratory = plants
-    s, gains = 1j * 0.05, AxisGains(6.0, 4.0)
+    s, gains = 1j * 0.05, AxisPdGains(6.0, 4.0)
     for axis in "xy":
         plant = position_plant(laboratory, scenario, axis, gains)
         assert plant.outputs == (f"measurement.{axis}", f"measurement.v_{axis}")
@@ -96,8 +96,8 @@ def test_a_vehicle_hovers_at_the_offset_that_its_displaced_centre_of_mass_predic
         "route={kind: hover, duration: 20}",
     ]
     scenario, ideal = (
-        load_scenario(diagrams / "onboard.yaml", [*overrides, f"vehicle.centre_of_mass={list(place)}"])
-        for place in (centre, (0.0, 0.0))
+        load_scenario(diagrams / "onboard.yaml", [*overrides, f"vehicle.centre_of_mass={list(centre_of_mass)}"])
+        for centre_of_mass in (centre, (0.0, 0.0))
     )
     states = [simulate(each, compiled=True)["state"][-200:, :2].mean(axis=0) for each in (scenario, ideal)]
     assert hover_offset(scenario) == pytest.approx(np.linalg.norm(states[0] - states[1]), rel=0.02)

@@ -21,19 +21,19 @@ DELAY = {"laboratory.command_link.delay_ticks": 8.0}
 UNCERTAIN_LAG = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
 
 
-def late(*overrides):
-    """Return a hovering vehicle whose command arrives late, so that a slow rotor makes its loop unstable."""
+def delayed_hover(*overrides):
+    """Return a hover scenario with a command delay that makes the loop unstable if the rotors are slow."""
     return load_scenario("hover", [*overrides, *(f"{path}={value}" for path, value in DELAY.items())])
 
 
 @pytest.fixture(scope="module")
 def certificate():
     mass = f"vehicle.mass={{uniform: {{min: {0.95 * 0.68}, max: {1.05 * 0.68}}}}}"
-    return certify_hover(late(mass, UNCERTAIN_LAG))
+    return certify_hover(delayed_hover(mass, UNCERTAIN_LAG))
 
 
 def poles_at(numbers):
-    scenario = map_leaves(late(), lambda path, value: numbers.get(path, value))
+    scenario = map_leaves(delayed_hover(), lambda path, value: numbers.get(path, value))
     return np.abs(closed_loop(symmetric_hover(at_rest(scenario))).system.poles())
 
 
@@ -42,7 +42,7 @@ def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
     assert 0.9 * certificate.unstable.scale < certificate.stable_scale < certificate.unstable.scale < math.inf
     assert certificate.gap < 0.1
     assert certificate.parameters == tuple(CENTRES)
-    assert certificate.lost.scale == math.inf
+    assert certificate.without_equilibrium.scale == math.inf
 
 
 @pytest.mark.long
@@ -84,7 +84,7 @@ def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop
 
 @pytest.mark.long
 def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
-    resting = symmetric_hover(at_rest(late()))
+    resting = symmetric_hover(at_rest(delayed_hover()))
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
     fractions = grid * SPREADS * certificate.stable_scale
     loops = HoverFleet(resting, [*CENTRES])(np.array([*CENTRES.values()]) * (1.0 + fractions))
@@ -93,15 +93,15 @@ def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
 
 @pytest.mark.long
 def test_the_scale_of_a_single_parameter_agrees_with_a_bisection():
-    found = certify_hover(late(UNCERTAIN_LAG))
+    result = certify_hover(delayed_hover(UNCERTAIN_LAG))
     low, high = 0.05, 0.05 + 0.015 * 8.0
     for _ in range(12):
         middle = 0.5 * (low + high)
         stable = poles_at({"vehicle.rotor_time_constant": middle}).max() < 1.0
         low, high = (middle, high) if stable else (low, middle)
     critical = (low - 0.05) / 0.015
-    assert 0.9 * critical < found.stable_scale <= 1.001 * critical
-    assert found.unstable.scale == pytest.approx(critical, rel=0.02)
+    assert 0.9 * critical < result.stable_scale <= 1.001 * critical
+    assert result.unstable.scale == pytest.approx(critical, rel=0.02)
 
 
 @pytest.mark.long
@@ -109,24 +109,24 @@ def test_loops_without_an_equilibrium_do_not_count_as_unstable():
     # The commanded thrust is 0.3 to 1.8 times the nominal weight. From scale 0.7 / 0.3 = 2.33 on, the range of the mass
     # contains vehicles that weigh less than the smallest thrust. Below this scale, all loops are stable.
     overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in CENTRES.items()]
-    found = certify_hover(load_scenario("hover", overrides))
-    assert found.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
-    assert found.lost.values["vehicle.mass"] < 0.3 * 0.68
-    assert found.unstable.scale > found.lost.scale
-    assert found.gap < 0.1
+    result = certify_hover(load_scenario("hover", overrides))
+    assert result.without_equilibrium.scale == pytest.approx(0.7 / 0.3, rel=0.01)
+    assert result.without_equilibrium.values["vehicle.mass"] < 0.3 * 0.68
+    assert result.unstable.scale > result.without_equilibrium.scale
+    assert result.gap < 0.1
 
 
 @pytest.mark.long
 def test_a_certificate_depends_only_on_the_seed():
-    first, second = (certify_hover(late(UNCERTAIN_LAG)) for _ in range(2))
+    first, second = (certify_hover(delayed_hover(UNCERTAIN_LAG)) for _ in range(2))
     assert first == second
 
 
 @pytest.mark.long
 def test_no_scale_is_certified_if_the_loop_is_unstable_at_the_centre_of_the_ranges():
-    found = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
-    assert found.stable_scale == found.unstable.scale == found.gap == 0.0
-    assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
+    result = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
+    assert result.stable_scale == result.unstable.scale == result.gap == 0.0
+    assert poles_at(result.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 
 def test_parameters_that_do_not_affect_hover_are_left_out_of_the_certificate():

@@ -15,8 +15,8 @@ MEDIANS_OF_OTHER_FIELDS = {
 }
 
 
-def thrown(overrides=(), **fields):
-    """Return a short flight of a thrown vehicle, which must recover early and crashes if it falls too far."""
+def scenario_of_throw(overrides=(), **fields):
+    """Return a scenario with a short flight of a thrown vehicle, which must recover early and must not fall too far."""
     short = {
         "duration": 2.0,
         "requirements.recovers": {"always": {"signal": "position_error", "below": 0.6}, "after": 1.0},
@@ -32,26 +32,26 @@ def ranges(roll=3.0, rate=8.0):
 
 @pytest.mark.long
 def test_each_cell_of_the_map_is_a_flight_with_the_other_random_fields_at_their_medians():
-    found = field_map(thrown(ranges()), ROLL, RATE, size=3)
-    np.testing.assert_allclose(found.x, [-2.0, 0.0, 2.0], atol=1e-12)
-    np.testing.assert_allclose(found.y, [-16.0 / 3.0, 0.0, 16.0 / 3.0], atol=1e-12)
-    assert 0 < found.metrics.crashed.sum() < 9
+    result = field_map(scenario_of_throw(ranges()), ROLL, RATE, size=3)
+    np.testing.assert_allclose(result.x, [-2.0, 0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(result.y, [-16.0 / 3.0, 0.0, 16.0 / 3.0], atol=1e-12)
+    assert 0 < result.metrics.crashed.sum() < 9
     for row, column in ((0, 1), (1, 2), (2, 0)):
-        initial = {"initial.attitude": [found.x[column], 0.0, 0.0], "initial.body_rates": [found.y[row], 0.0, 0.0]}
-        flight = simulate(thrown(**MEDIANS_OF_OTHER_FIELDS, **initial), sample=0)
+        initial = {"initial.attitude": [result.x[column], 0.0, 0.0], "initial.body_rates": [result.y[row], 0.0, 0.0]}
+        flight = simulate(scenario_of_throw(**MEDIANS_OF_OTHER_FIELDS, **initial), sample=0)
         for name in ("rmse", "largest_tilt", "recovers", "crash_time"):
-            assert getattr(found.metrics, name)[row, column] == pytest.approx(
+            assert getattr(result.metrics, name)[row, column] == pytest.approx(
                 getattr(flight.metrics, name), rel=1e-6, nan_ok=True
             )
 
 
 @pytest.mark.slow
 def test_flights_that_crash_or_violate_a_requirement_are_not_satisfactory():
-    found = field_map(thrown(ranges()), ROLL, RATE, size=4)
-    violated = found.metrics.recovers < 0.0
-    np.testing.assert_array_equal(found.satisfied, ~found.metrics.crashed & ~violated)
-    assert (~found.metrics.crashed & violated).any()
-    assert found.satisfied.any()
+    result = field_map(scenario_of_throw(ranges()), ROLL, RATE, size=4)
+    violated = result.metrics.recovers < 0.0
+    np.testing.assert_array_equal(result.satisfied, ~result.metrics.crashed & ~violated)
+    assert (~result.metrics.crashed & violated).any()
+    assert result.satisfied.any()
 
 
 @pytest.mark.parametrize(
@@ -63,4 +63,4 @@ def test_flights_that_crash_or_violate_a_requirement_are_not_satisfactory():
 )
 def test_invalid_axes_of_a_map_are_refused(x, y, message):
     with pytest.raises(InputError, match=message):
-        field_map(thrown(), x, y, size=2)
+        field_map(scenario_of_throw(), x, y, size=2)

@@ -73,7 +73,7 @@ def outputs_of_scenario(parameters, recorded):
 @pytest.mark.slow
 @pytest.mark.parametrize("tuned", [False, True])
 def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, tuned):
-    """At the beginning of the recorded flight no limit is active, and at the end all limits are.
+    """No limit is active at the beginning of the recorded flight, and all limits are active at its end.
 
     The tuned parameters also activate all terms and filters that are off by default.
     """
@@ -216,9 +216,9 @@ def test_parameters_are_read_from_a_ulog(tmp_path):
         (b"MC_ROLL_P 1e999", "MC_ROLL_P is inf; it must be finite"),
         (b"MC_ROLL_P -1", "MC_ROLL_P is -1; it must be finite and not negative"),
         (b"MPC_THR_HOVER 0", "MPC_THR_HOVER is 0; it must be between 0.01 and 1, since it is a fraction"),
-        (b"MPC_THR_HOVER 50", "MPC_THR_HOVER is 50; .* a fraction of the largest thrust, where 50 % are 0.5$"),
+        (b"MPC_THR_HOVER 50", r"MPC_THR_HOVER is 50; .* a fraction of the largest thrust \(50 % = 0.5\)$"),
         (b"MPC_THR_HOVER nan", "MPC_THR_HOVER is nan; it must be between 0.01 and 1"),
-        (b"MPC_TILTMAX_AIR 0.785", "between 2 and 90, since it is an angle in degrees, where 0.785 rad are 45"),
+        (b"MPC_TILTMAX_AIR 0.785", r"between 2 and 90, since it is an angle in degrees \(0.785 rad = 45°\)"),
         (b"MC_YAWRATE_MAX 3.5", "MC_YAWRATE_MAX is 3.5; .* a rate in degrees per second"),
         (b"posCtlPid.thrustBase 0.55", "between 655 and 65535, since it is a thrust in units of a 16-bit number"),
         (b"posCtlPid.rLimit: 0.35", "posCtlPid.rLimit is 0.35; .* an angle in degrees"),

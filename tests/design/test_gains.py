@@ -26,11 +26,11 @@ from drake_quad.design.cascade import (
     with_integrals,
 )
 from drake_quad.design.gains import (
-    AxisGains,
+    AxisPdGains,
     LoopDesign,
+    OutputRegulator,
     PidGains,
     PolePair,
-    RegulatorRequirements,
     Requirements,
     add_integral,
     design_loop,
@@ -117,13 +117,15 @@ def test_violated_requirements_are_reported_in_their_units():
 
 
 def test_requirements_that_no_gains_meet_are_reported(pitch):
-    with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
+    with pytest.raises(InputError, match=r"for pitch; closest result: phase margin: \d\d\.\d°, less than 80°"):
         design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
 
 
 def test_no_pd_exists_without_a_measured_rate(pitch):
     without_rate = replace(pitch, C=pitch.C * [[1.0], [0.0]])
-    with pytest.raises(InputError, match="no gains of this family meet the requirements for pitch; at best no gains"):
+    with pytest.raises(
+        InputError, match="no gains of this family meet the requirements for pitch; closest result: no gains"
+    ):
         design_loop(without_rate, PolePair(0.8), Requirements(), axis="pitch")
 
 
@@ -136,7 +138,7 @@ def test_a_bandwidth_that_is_too_high_for_the_delay_would_need_a_negative_gain(p
 def test_a_regulator_is_found_for_any_delay():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
     plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
-    family = RegulatorRequirements(0.2)
+    family = OutputRegulator(0.2)
     assert np.isfinite(family.cost(plant, family.gains(plant, 0.1), 0.1))
     with pytest.raises(InputError, match=r"pitch cannot have an effort of 30: phase margin"):
         design_loop(plant, family, Requirements(phase=60.0), axis="pitch", effort=30.0)
@@ -148,7 +150,7 @@ def test_a_plant_that_cannot_be_stabilised_is_reported(pitch):
     B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
     unstabilisable = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "uncontrolled"))
     with pytest.raises(
-        InputError, match="no gains of this family meet the requirements for pitch; at best no stability"
+        InputError, match="no gains of this family meet the requirements for pitch; closest result: no stability"
     ):
         design_loop(unstabilisable, PolePair(0.8), Requirements(), axis="pitch")
 
@@ -160,7 +162,7 @@ def double_integrator(h=0.02):
 
 
 def test_a_pd_with_full_state_feedback_is_the_regulator():
-    plant, family = double_integrator(), RegulatorRequirements(0.3)
+    plant, family = double_integrator(), OutputRegulator(0.3)
     gains = family.gains(plant, 20.0)
     assert family.cost(plant, gains, 20.0) == pytest.approx(family.min_cost(plant, 20.0), rel=1e-6)
     # Drake's DiscreteTimeLinearQuadraticRegulator computes the expected gain for the same weights.
@@ -170,14 +172,13 @@ def test_a_pd_with_full_state_feedback_is_the_regulator():
 
 @pytest.mark.slow
 def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_full_state_feedback(pitch):
-    family, required = RegulatorRequirements(0.2), Requirements()
+    family, required = OutputRegulator(0.2), Requirements()
     design = design_loop(pitch, family, required, axis="pitch")
     assert design.limits
     assert design.bandwidth is None
     cost = [family.cost(pitch, design.gains, effort) / family.min_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
-    # Not only for this design, but also for the smallest and the largest effort, the cost is higher than the cost of
-    # full state feedback.
+    # For this design, and for the smallest and the largest effort, the cost is higher than that of full state feedback.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
@@ -188,7 +189,7 @@ def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_f
 
 
 def test_the_cost_equals_the_sum_over_a_simulated_impulse_response(pitch):
-    family, gains, effort = RegulatorRequirements(0.2), AxisGains(6.0, 4.0), 30.0
+    family, gains, effort = OutputRegulator(0.2), AxisPdGains(6.0, 4.0), 30.0
     x, total = pitch.B.copy(), 0.0
     for _ in range(5000):
         value, rate = (pitch.C @ x)[:, 0]
@@ -197,10 +198,10 @@ def test_the_cost_equals_the_sum_over_a_simulated_impulse_response(pitch):
         x = pitch.A @ x + pitch.B * u
     assert family.cost(pitch, gains, effort) == pytest.approx(total, rel=1e-9)
     best = family.gains(pitch, effort)
-    least = family.cost(pitch, best, effort)
+    min_cost = family.cost(pitch, best, effort)
     for factor in ((1.001, 1.0), (0.999, 1.0), (1.0, 1.001), (1.0, 0.999)):
-        assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
-    assert least > family.min_cost(pitch, effort)
+        assert family.cost(pitch, AxisPdGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > min_cost
+    assert min_cost > family.min_cost(pitch, effort)
 
 
 ASYMMETRIC_VEHICLE = [
@@ -213,7 +214,6 @@ ASYMMETRIC_VEHICLE = [
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
 def test_poles_of_designed_loops_are_poles_of_the_whole_diagram(shipped, overrides):
-    """The poles of the designed inner and outer loops are also poles of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(nominal_hover(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
@@ -223,7 +223,7 @@ def test_poles_of_designed_loops_are_poles_of_the_whole_diagram(shipped, overrid
         plant = attitude_plant(laboratory, scenario, axis)
         expected.append(plant.with_feedback(np.array([[block.k_p[i], block.k_d[i]]])).poles())
     for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
-        plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
+        plant = position_plant(laboratory, scenario, axis, AxisPdGains(attitude.k_p[tilt], attitude.k_d[tilt]))
         expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
     designed_poles, diagram_poles = np.concatenate(expected), loop.system.poles()
     slow_poles = designed_poles[np.abs(designed_poles) > 0.1]
@@ -451,14 +451,14 @@ class ProportionalFamily:
         self.k_p, self.k_d = k_p, k_d
 
     def gains(self, plant, effort):
-        return AxisGains(self.k_p * effort, self.k_d * effort)
+        return AxisPdGains(self.k_p * effort, self.k_d * effort)
 
     def efforts(self, plant):
         return np.array([1.0, 2.0, 3.0])
 
 
 @pytest.mark.parametrize(
-    ("gains", "words"),
+    ("gains", "message"),
     [
         ((1.0, -0.5), r"x cannot have an effort of 1: a negative gain: k_P 1, k_D -0\.5"),
         ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
@@ -468,8 +468,8 @@ class ProportionalFamily:
         ((1.0, 120.0), r"no stability: a pole of magnitude 1\.\d{4}"),
     ],
 )
-def test_the_message_about_unacceptable_gains_gives_the_reason(gains, words):
-    with pytest.raises(InputError, match=words):
+def test_the_message_about_unacceptable_gains_gives_the_reason(gains, message):
+    with pytest.raises(InputError, match=message):
         design_loop(double_integrator(), ProportionalFamily(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
 
 
@@ -477,26 +477,28 @@ def test_the_message_about_unacceptable_gains_gives_the_reason(gains, words):
 def test_the_gains_closest_to_the_requirements_are_reported():
     """The phase margin increases with the effort, so the gains with the largest effort come closest."""
     plant = double_integrator()
-    phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
+    phases = [margins(pd_loop(plant, AxisPdGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
     assert phases == sorted(phases)
-    with pytest.raises(InputError, match=rf"at best phase margin: {phases[2]:.1f}°, less than 60°"):
+    with pytest.raises(InputError, match=rf"closest result: phase margin: {phases[2]:.1f}°, less than 60°"):
         design_loop(plant, ProportionalFamily(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
 
 
 def test_an_unstable_loop_has_infinite_cost():
-    family, plant = RegulatorRequirements(0.2), double_integrator()
-    assert family.cost(plant, AxisGains(1.0, 0.001), 10.0) == np.inf
-    assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
-    assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
+    family, plant = OutputRegulator(0.2), double_integrator()
+    assert family.cost(plant, AxisPdGains(1.0, 0.001), 10.0) == np.inf
+    assert family.cost(plant, AxisPdGains(0.0, 1.0), 10.0) == np.inf
+    assert np.isfinite(family.cost(plant, AxisPdGains(1.0, 1.0), 10.0))
     # No feedback stabilises an uncontrollable mode.
-    unreached = replace(plant, B=np.zeros((2, 1)))
-    assert np.isnan(family.gains(unreached, 1.0)).all()
+    uncontrollable = replace(plant, B=np.zeros((2, 1)))
+    assert np.isnan(family.gains(uncontrollable, 1.0)).all()
 
 
 def test_gains_of_a_design_are_listed_axis_by_axis(pitch):
     axes = {name: 10.0 + index for index, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
-    achieved = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
-    design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, achieved) for name, k in axes.items()})
+    achieved = margins(pd_loop(pitch, AxisPdGains(6.0, 4.0)))
+    design = CascadeDesign(
+        {name: LoopDesign(name, AxisPdGains(k, 0.5 * k), pitch, achieved) for name, k in axes.items()}
+    )
     assert design.gains() == {
         "position": {"k_p": [13.0, 14.0, 15.0], "k_d": [6.5, 7.0, 7.5]},
         "attitude": {"k_p": [10.0, 11.0, 12.0], "k_d": [5.0, 5.5, 6.0]},
@@ -546,9 +548,9 @@ def test_a_message_without_acceptable_gains_describes_stable_gains():
     Only the first gains of the family are stable, although they have the smallest margins. The second gains are
     unstable, and the third contain a NaN.
     """
-    family = ListedFamily(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
-    phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
-    with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
+    family = ListedFamily(AxisPdGains(1.0, 0.2), AxisPdGains(1.0, 120.0), AxisPdGains(np.nan, 1.0))
+    phase = margins(pd_loop(double_integrator(), AxisPdGains(1.0, 0.2))).phase
+    with pytest.raises(InputError, match=rf"closest result: phase margin: {phase:.1f}°, less than 60°"):
         design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
 
 
@@ -571,38 +573,38 @@ def delayed_integrator(ticks):
 def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeypatch, ticks, frequency):
     """The longer the delay, the lower the bandwidth of the gains from which the search starts."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
-    gains = RegulatorRequirements(0.2).gains(delayed_integrator(ticks), 1.0)
+    gains = OutputRegulator(0.2).gains(delayed_integrator(ticks), 1.0)
     assert gains == pytest.approx((frequency**2, 1.6 * frequency))
 
 
 def test_the_gains_of_a_regulator_are_found_to_four_digits():
-    plant, family = double_integrator(), RegulatorRequirements(0.3)
+    plant, family = double_integrator(), OutputRegulator(0.3)
     for effort in (0.5, 20.0):
         K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=5e-5)
 
 
-def test_the_derivatives_of_the_regulator_s_cost_match_finite_differences(pitch, monkeypatch):
-    found = []
+def test_the_derivatives_of_the_regulator_cost_match_finite_differences(pitch, monkeypatch):
+    result = []
 
     def compare(function, start, **options):
         for logs in start + np.array([[0.0, 0.0], [0.3, -0.2], [0.1, 0.7]]):
             numeric = scipy.optimize.approx_fprime(logs, lambda tried: function(tried)[0], 1e-7)
             np.testing.assert_allclose(function(logs)[1], numeric, rtol=1e-5, atol=1e-6)
-        found.append(options["jac"])
+        result.append(options["jac"])
         return SimpleNamespace(x=start)
 
     monkeypatch.setattr("scipy.optimize.minimize", compare)
-    RegulatorRequirements(0.2).gains(pitch, 3.0)
-    assert found == [True]
+    OutputRegulator(0.2).gains(pitch, 3.0)
+    assert result == [True]
 
 
 def test_the_search_for_a_regulator_finds_the_minimum_after_a_step_to_unstable_gains():
     """The delay is so long that the first step of the search leads to unstable gains."""
-    plant, family = delayed_integrator(8), RegulatorRequirements(0.2)
+    plant, family = delayed_integrator(8), OutputRegulator(0.2)
     gains = family.gains(plant, 1e3)
-    least = family.cost(plant, gains, 1e3)
-    assert all(family.cost(plant, AxisGains(gains.k_p * each, gains.k_d), 1e3) > least for each in (0.99, 1.01))
+    min_cost = family.cost(plant, gains, 1e3)
+    assert all(family.cost(plant, AxisPdGains(gains.k_p * each, gains.k_d), 1e3) > min_cost for each in (0.99, 1.01))
 
 
 class RecordingFamily(ProportionalFamily):
@@ -645,7 +647,6 @@ def pid_design():
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
 def test_poles_of_loops_with_a_designed_pid_are_poles_of_the_whole_diagram(integration, pid_design):
-    """The poles of the designed loops are also poles of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     diagram_poles = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):

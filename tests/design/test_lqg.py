@@ -167,10 +167,10 @@ def test_considered_plants_span_the_distributions_or_the_assumed_uncertainty(dia
     }
     on_board = considered_plants(load_scenario(f"{diagrams}/onboard.yaml"))
     assert on_board[0].response == SecondOrderResponse(8.817, 0.7259)
-    assert on_board[0].lags
+    assert on_board[0].has_series_lag
     identified, *others = considered_plants(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
-    assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
-    # Slopes of the thrust curve over throttle: 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
+    assert (identified.response, identified.has_series_lag) == (SecondOrderResponse(6.75, 0.48), False)
+    # The slope of the thrust curve over the throttle is 18.27 N for the vehicle, and 14.27 N for the nominal vehicle.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Plants with faster rotors have a faster attitude response.
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
@@ -184,8 +184,8 @@ def test_design_conditions_are_the_disturbances_and_noise_of_the_scenario(diagra
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = flight_conditions(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). An offset of the centre of mass
-    # by 1 mm causes 9.5 m/s⁴.
+    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). If the centre of mass is off
+    # centre by 1 mm, the disturbing snap is 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
@@ -212,7 +212,7 @@ def test_the_snap_limit_allows_twice_the_torque_that_balances_an_offset_centre_o
         conditions, vehicle = flight_conditions(scenario), median_scenario(scenario).vehicle
         levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
         constant_snap[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
-        # 1 rad/s² corresponds to a snap of g. Unequal rotors also cause an angular acceleration.
+        # An angular acceleration of 1 rad/s² causes a snap of g · 1 rad/s². Unequal rotors also contribute to the bias.
         assert 0.6 * conditions.bias < constant_snap[name] < 1.2 * conditions.bias
         limit_of[name] = snap_limit(limits, conditions)
     assert limit_of["robustness"] == limits.snap
@@ -223,8 +223,8 @@ def test_the_mean_delay_of_the_plants_is_rounded_to_the_nearest_and_to_the_next_
     # Frames are at most 10 ms late and commands 1 to 3 ticks of 20 ms, so the mean delay of the plants is 2.3 ticks.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
     assert candidate_timings(bad_day, considered_plants(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
-    late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
-    assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
+    plants = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
+    assert [each.delay_ticks for each in candidate_timings(bad_day, plants)] == [2]
 
 
 @pytest.mark.long
@@ -268,13 +268,10 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 def test_a_design_assumes_the_delay_with_the_smallest_cost_and_limits_the_command_of_each_axis(
     low_wind, diagrams, monkeypatch, name, best_delay
 ):
-    """The command along x and y is an acceleration for an autopilot, and a snap otherwise.
-
-    The command along z is an acceleration.
-    """
+    """The command along z is an acceleration. Along x and y, it is an acceleration with an autopilot, else a snap."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
+    stubs = {"flight_conditions": conditions, "candidate_timings": timings, "_yaw_pd": shipped.control.yaw}
     for function, value in stubs.items():
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []
@@ -375,21 +372,23 @@ def test_the_cost_within_the_limits_is_the_logarithm_of_the_rms_error_over_all_p
 
 
 def test_unstable_designs_cost_more_than_stable_ones(search_of):
-    """The cost increases with the poles of unstable loops. An unstable loop with the nominal plant costs most."""
-    stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
-    unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
-    assert stable + 10.0 < late
-    assert late < unstable
+    """The cost of an unstable loop increases with its largest pole. It is highest if the nominal plant is unstable."""
+    stable, with_delay, with_longer_delay = (
+        search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9))
+    )
+    unstable, more_unstable = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
+    assert stable + 10.0 < with_delay
+    assert with_delay < unstable
     poles = [
         predict_performance(each.loop_of(None), each.actual_plants[0], each.timing).pole
         for each in map(search_of, (6, 9))
     ]
-    assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
+    assert (with_delay < with_longer_delay) == (unstable < more_unstable) == (poles[0] < poles[1])
 
     def failing(axis):
         raise np.linalg.LinAlgError
 
-    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
+    assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, more_unstable)
     with pytest.raises(
         InputError,
         match=r"no LQG design is stable for the nominal plant: the best design has a pole of magnitude 1\.\d{4}",
@@ -398,7 +397,7 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
 
 
 class SearchWithKnownOptimum(lqg_design._LqgSearch):
-    """Search whose cost is the squared distance from known logarithms, but at most 9."""
+    """Search with a known cost: the squared distance from given logarithms of the parameters, but at most 9."""
 
     best = np.log([3e-3, 0.7, 40.0])
 
@@ -418,7 +417,7 @@ def test_a_search_finds_the_minimum_cost_for_any_initial_weight(search_of, initi
 
 
 def test_a_limit_is_tightened_by_slightly_more_than_the_exact_loop_violates_it(search_of):
-    """Margins of None belong to a command signal without feedback, which does not change any limit."""
+    """A signal without feedback has no margins (None), and therefore changes no limit."""
     limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 
@@ -427,21 +426,23 @@ def test_a_limit_is_tightened_by_slightly_more_than_the_exact_loop_violates_it(s
 
     assert search.with_tighter_limits(limits, (margins_of_loop(3.0, 0.03), None)) is search
     assert search.with_tighter_limits(limits, (None, None)) is search
-    peaked = search.with_tighter_limits(
+    with_tighter_sensitivity = search.with_tighter_limits(
         limits, (margins_of_loop(2.0, 0.05), margins_of_loop(4.0, 0.05), None)
     ).chain_limits
-    assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
-    assert peaked.delay == 0.04
-    late = search.with_tighter_limits(limits, (margins_of_loop(2.0, 0.02), margins_of_loop(2.0, 0.05))).chain_limits
-    assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
-    assert late.sensitivity == 2.5
+    assert 0.99 * 2.5 * 3.0 / 4.0 < with_tighter_sensitivity.sensitivity < 2.5 * 3.0 / 4.0
+    assert with_tighter_sensitivity.delay == 0.04
+    with_tighter_delay = search.with_tighter_limits(
+        limits, (margins_of_loop(2.0, 0.02), margins_of_loop(2.0, 0.05))
+    ).chain_limits
+    assert 0.04 * 0.03 / 0.02 < with_tighter_delay.delay < 1.01 * 0.04 * 0.03 / 0.02
+    assert with_tighter_delay.sensitivity == 2.5
 
 
 @pytest.mark.slow
 def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
     gains = design_cascade(scenario).loops["yaw"].gains
-    yaw = lqg_design._yaw(scenario)
+    yaw = lqg_design._yaw_pd(scenario)
     assert (yaw.k_p, yaw.k_d) == (gains.k_p, gains.k_d)
     assert yaw.k_p > 1.2 * yaw.k_d
 
@@ -466,7 +467,7 @@ def test_a_design_depends_on_the_nominal_vehicle_and_the_disturbances(diagrams, 
     assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
         *(limits.max_tilt, limits.min_thrust, limits.max_thrust),
     )
-    assert control.yaw == lqg_design._yaw(scenario)
+    assert control.yaw == lqg_design._yaw_pd(scenario)
     timing = Timing(0.01, 0.02, control.delay_ticks)
     assert timing in candidate_timings(scenario, design.plants)
     for loop, model, predictions in (
@@ -492,7 +493,7 @@ def test_the_measurement_noise_of_a_plant_follows_from_the_cameras():
 
 def test_the_lag_of_rotors_with_two_time_constants_is_their_geometric_mean(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
-    assert lqg_design._lag(scenario) == 0.04
+    assert lqg_design._rotor_time_constant(scenario) == 0.04
     down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])
     down = down.model_copy(update={"vehicle": down.vehicle.model_copy(update={"rotor_time_constant_down": 0.09})})
-    assert lqg_design._lag(down) == 0.06
+    assert lqg_design._rotor_time_constant(down) == 0.06

@@ -10,7 +10,7 @@ from drake_quad.design import tuning
 from drake_quad.design.tuning import Budget, TuningParameter, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
-# Fields that are tuned together, and the smallest and the largest value that is tried.
+# A tuning parameter has the paths of the fields that it sets, and the smallest and the largest value to try.
 K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
 K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 HEIGHT_PARAMETER = TuningParameter(("control.position.k_p.2",), 1.0, 20.0)
@@ -27,12 +27,12 @@ def stub_flights(monkeypatch):
     """Return a function that replaces flights with given errors and crash times.
 
     Errors and crash times are functions of a candidate's parameters, a sample and a scenario. The returned function
-    returns a dictionary, which lists the scenarios and sizes of all fleets, and the samples and parameters that they
-    flew.
+    returns a dictionary that records the scenario and size of each fleet, and the samples and parameters of each
+    simulation.
     """
     record = {"fleets": [], "samples": [], "varying": []}
 
-    def install(error, crash=lambda numbers, sample, scenario: np.inf):
+    def install(error, crash=lambda parameters, sample, scenario: np.inf):
         class Fleet:
             def __init__(self, scenario, _plan, count):
                 self.scenario = scenario
@@ -58,18 +58,18 @@ def stub_flights(monkeypatch):
     return install
 
 
-def log_gains(numbers):
+def log_gains(parameters):
     """Return the logarithms of a candidate's k_P and k_D, relative to the unconstrained optimum of 4 and 2."""
-    return np.log(numbers["control.position.k_p.0"] / 4.0), np.log(numbers["control.position.k_d.0"] / 2.0)
+    return np.log(parameters["control.position.k_p.0"] / 4.0), np.log(parameters["control.position.k_d.0"] / 2.0)
 
 
-def quadratic_error(numbers, *_):
+def quadratic_error(parameters, *_):
     """Return an error with a minimum of 0.1 m, in which the two gains interact."""
-    p, d = log_gains(numbers)
+    p, d = log_gains(parameters)
     return 0.1 * np.exp(p * p + d * d - p * d)
 
 
-SEARCH_BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
+SEARCH_BUDGET = Budget(rounds=6, candidates=32, samples=1, limit_evaluations=4, local_search_steps=60)
 
 
 def test_the_gains_with_the_smallest_error_are_found(laboratory, stub_flights):
@@ -112,8 +112,8 @@ def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
 def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
     """The error has five minima along each axis. A search from a single point would end in the nearest minimum."""
 
-    def error_with_many_minima(numbers, *_):
-        p, d = log_gains(numbers)
+    def error_with_many_minima(parameters, *_):
+        p, d = log_gains(parameters)
         return 0.1 + 0.05 * (p * p + d * d) + 0.02 * (2.0 - np.cos(10.0 * p) - np.cos(10.0 * d))
 
     stub_flights(error_with_many_minima)
@@ -128,7 +128,7 @@ def test_the_rounds_of_a_search_converge_to_the_optimum_and_stay_in_range(labora
     A limit that no candidate violates has no influence.
     """
     record = stub_flights(quadratic_error)
-    budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
+    budget = Budget(rounds=6, candidates=64, samples=1, local_search_steps=1)
     tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], fractions, budget=budget)
     rounds = [each for each in record["varying"] if len(each[K_P_PARAMETER.paths[0]]) == 64]
     assert len(rounds) == 6
@@ -149,7 +149,7 @@ def test_the_rounds_of_a_search_converge_to_the_optimum_and_stay_in_range(labora
 def test_the_rounds_of_a_search_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
     """The limit is k_P ≤ 2. Candidates of the last round meet it, although larger k_P have a smaller error."""
     record = stub_flights(quadratic_error)
-    budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
+    budget = Budget(rounds=6, candidates=64, samples=1, limit_evaluations=8, local_search_steps=1)
     tune(
         [laboratory],
         [K_P_PARAMETER, K_D_PARAMETER],
@@ -169,7 +169,7 @@ def test_each_round_simulates_the_given_number_of_candidates(laboratory, stub_fl
 
 
 def test_each_local_search_starts_with_a_smaller_step_than_the_one_before(laboratory, stub_flights, monkeypatch):
-    """The first step is less than a quarter of the width of a parameter's range, which is 1."""
+    """The range of each parameter is scaled to a width of 1, and the first step is less than a quarter of it."""
     stub_flights(quadratic_error)
     radii, minimize = [], tuning.scipy.optimize.minimize
 
@@ -190,7 +190,7 @@ def test_each_candidate_flies_the_same_samples_in_every_laboratory(laboratory, s
     """
     other = laboratory.model_copy(update={"name": "other"})
 
-    def error(numbers, sample, scenario):
+    def error(parameters, sample, scenario):
         return 0.1 * (1 + sample) * (3.0 if scenario.name == "other" else 1.0)
 
     record = stub_flights(error)
@@ -208,23 +208,23 @@ def test_each_candidate_flies_the_same_samples_in_every_laboratory(laboratory, s
 def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flights):
     """Two of four samples crash, after 1 s and 3 s of a 4 s flight. Their errors before the crash do not count."""
 
-    def crash(numbers, sample, scenario):
+    def crash(parameters, sample, scenario):
         return {0: 1.0, 2: 3.0}.get(sample, np.inf)
 
-    stub_flights(lambda numbers, sample, scenario: 0.1 * sample, crash)
+    stub_flights(lambda parameters, sample, scenario: 0.1 * sample, crash)
     result = tune([laboratory], [K_P_PARAMETER], None, budget=Budget(1, 4, 4, 1, 1))
     assert result.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
 def test_flights_with_extra_latency_add_only_their_crashes_to_the_error(laboratory, stub_flights):
     """The extra latency of 30 ms is three camera frames. Flights with it crash in one of the two laboratories."""
-    own = laboratory.laboratory.motion_capture.latency_frames
+    latency_frames = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
-    def crash(numbers, sample, scenario):
-        late = scenario.laboratory.motion_capture.latency_frames == own + 3.0
-        assert late or scenario.laboratory.motion_capture.latency_frames == own
-        return 2.0 if late and scenario.name == "other" else np.inf
+    def crash(parameters, sample, scenario):
+        has_extra_latency = scenario.laboratory.motion_capture.latency_frames == latency_frames + 3.0
+        assert has_extra_latency or scenario.laboratory.motion_capture.latency_frames == latency_frames
+        return 2.0 if has_extra_latency and scenario.name == "other" else np.inf
 
     stub_flights(lambda *_: 0.2, crash)
     result = tune([laboratory, other], [K_P_PARAMETER], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
@@ -233,9 +233,11 @@ def test_flights_with_extra_latency_add_only_their_crashes_to_the_error(laborato
 
 
 def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_rounds(laboratory, stub_flights):
-    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P_PARAMETER.paths[0] in numbers else 1.0)
+    record = stub_flights(
+        lambda parameters, *_: quadratic_error(parameters) if K_P_PARAMETER.paths[0] in parameters else 1.0
+    )
     scenarios = []
-    budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
+    budget = Budget(rounds=9, candidates=16, samples=1, local_search_steps=1)
     tune(
         [laboratory],
         [K_P_PARAMETER, HEIGHT_PARAMETER, K_D_PARAMETER],
@@ -254,7 +256,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
     record = stub_flights(quadratic_error)
     checked = []
     num_checked = []
-    budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
+    budget = Budget(rounds=3, candidates=32, samples=1, limit_evaluations=4, local_search_steps=5)
 
     def fractions(scenario):
         checked.append((len(record["varying"]), scenario.control.position.k_p[0]))
@@ -280,17 +282,17 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
 
 def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, stub_flights):
     """The earlier gains are better than all drawn candidates. Earlier gains outside of the range are clipped."""
-    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    stub_flights(lambda parameters, *_: 0.1 if abs(np.log(parameters[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
     assert tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=budget).error == 1.0
     result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], None, budget=budget, before=(6.789, 2.0))
     assert result.error == pytest.approx(0.1)
     assert result.values == pytest.approx((6.789, 2.0))
-    stub_flights(lambda numbers, *_: 1.0 / numbers[K_P_PARAMETER.paths[0]])
+    stub_flights(lambda parameters, *_: 1.0 / parameters[K_P_PARAMETER.paths[0]])
     result = tune([laboratory], [K_P_PARAMETER], None, budget=budget, before=(99.0,))
     assert result.values == pytest.approx((12.0,))
     # A candidate that violates one of the limits is not preferred for its small error.
-    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    stub_flights(lambda parameters, *_: 0.1 if abs(np.log(parameters[K_P_PARAMETER.paths[0]] / 6.789)) < 1e-6 else 1.0)
 
     def fractions(scenario):
         return np.array([9.0, 5.0 / scenario.control.position.k_p[0]])
@@ -300,7 +302,7 @@ def test_the_gains_of_an_earlier_search_are_one_of_the_candidates(laboratory, st
 
 def test_local_searches_also_begin_at_earlier_gains_that_slightly_violate_a_limit(laboratory, stub_flights):
     """The drawn candidates are near another, worse minimum."""
-    stub_flights(lambda numbers, *_: 0.1 + np.minimum(abs(numbers[K_P_PARAMETER.paths[0]] - 9.0), 0.5))
+    stub_flights(lambda parameters, *_: 0.1 + np.minimum(abs(parameters[K_P_PARAMETER.paths[0]] - 9.0), 0.5))
 
     def ratios(scenario):
         return np.array([8.99 / scenario.control.position.k_p[0]])
@@ -342,18 +344,18 @@ def test_predicted_violations_of_the_limit_are_penalised():
         np.testing.assert_allclose(known.penalties(requested, uncertainty), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
     # Values far from the limit need no accuracy, so they are clipped to the range from 0.2 to 1.5.
-    np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
-    np.testing.assert_allclose(tuning._near_limit(np.zeros(1), 3), np.log([0.2] * 3))
+    np.testing.assert_allclose(tuning._clipped_logarithms(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
+    np.testing.assert_allclose(tuning._clipped_logarithms(np.zeros(1), 3), np.log([0.2] * 3))
 
 
 def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_flights):
-    """The only flight that crashes, from 40 ms on, is one of the four training samples in one of two laboratories."""
-    own = laboratory.laboratory.motion_capture.latency_frames
+    """From 40 ms on, one of the four training samples crashes in one of two laboratories. No other flight crashes."""
+    latency_frames = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
-    def crash(numbers, sample, scenario):
-        late = scenario.laboratory.motion_capture.latency_frames - own
-        return 1.0 if late >= 4.0 and scenario.name == "other" and sample == 13 else np.inf
+    def crash(parameters, sample, scenario):
+        extra_frames = scenario.laboratory.motion_capture.latency_frames - latency_frames
+        return 1.0 if extra_frames >= 4.0 and scenario.name == "other" and sample == 13 else np.inf
 
     stub_flights(None, crash)
     budget = Budget(samples=8)
@@ -371,7 +373,7 @@ def test_the_assumed_error_of_predicted_margin_ratios_decreases_in_each_round(la
     monkeypatch.setattr(
         tuning._EvaluatedPoints, "penalties", lambda known, points, uncertainty: doubts.append(uncertainty) or 0.0
     )
-    budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
+    budget = Budget(rounds=5, candidates=8, samples=1, local_search_steps=1)
     tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], lambda scenario: np.array([9.0]), budget=budget)
     np.testing.assert_allclose(doubts[::2], tuning._INITIAL_UNCERTAINTY * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
@@ -386,7 +388,7 @@ def test_with_two_parameters_margin_ratios_are_predicted_from_four_or_more_point
 
 
 def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
-    """Predictions are not exact, so the search keeps a reserve of 0.2 % to the limit."""
+    """Predictions are not exact, so the search keeps a distance of 0.2 % from the limit."""
     stub_flights(quadratic_error)
     fractions, ends = [], []
 

@@ -57,7 +57,7 @@ def test_derivatives_match_differences_of_whole_flights(windy):
 
 
 @pytest.mark.long
-def test_the_derivative_for_a_nominal_value_includes_the_vehicle_s_value_unless_the_scenario_sets_it():
+def test_the_derivative_for_a_nominal_value_includes_the_vehicle_value_unless_the_scenario_sets_it():
     """`--set nominal.mass` also changes `vehicle.mass`, unless the scenario sets `vehicle.mass`."""
     path = ROOT / "diagrams" / "figure_eight.yaml"
     for overrides in ([], ["vehicle.mass=0.68"]):
@@ -125,7 +125,7 @@ def test_a_parameter_at_its_bound_is_varied_to_one_side(asymmetric, field, bound
 
 
 @pytest.mark.parametrize(
-    ("field", "words"),
+    ("field", "message"),
     [
         ("vehicle.wings", "the scenario has no field vehicle.wings"),
         ("control.position.k_p.3", "the scenario has no field control.position.k_p.3"),
@@ -142,14 +142,14 @@ def test_a_parameter_at_its_bound_is_varied_to_one_side(asymmetric, field, bound
         ("vehicle.battery_sag", "the structure of the diagram changes at 0"),
     ],
 )
-def test_fields_without_a_derivative_are_refused(field, words):
+def test_fields_without_a_derivative_are_refused(field, message):
     """Some of the fields are zero, so that the diagram does not contain the system that reads them."""
     no_wind = [
         "laboratory.wind=[{kind: steady, velocity: [0, 0, 0]}]",
         "laboratory.motion_capture.derivative_bandwidth=80",
     ]
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", *no_wind])
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         flight_sensitivities(scenario, [field])
 
 
@@ -209,7 +209,7 @@ def test_a_field_that_can_neither_increase_nor_decrease_is_refused_with_the_reas
 
 def test_requirements_and_metrics_without_derivatives_do_not_affect_other_derivatives():
     """The requirement `late` begins after the end of the flight, so it has no robustness."""
-    near = {"signal": "position_error", "below": 0.1}
+    condition = {"signal": "position_error", "below": 0.1}
     plain = {"duration": 0.2, "initial.position": [0.02, 0.0, 0.0]}
     extended = {
         "metrics.additional": {
@@ -220,19 +220,19 @@ def test_requirements_and_metrics_without_derivatives_do_not_affect_other_deriva
             "command_jerk": {},
         },
         "requirements": {
-            "near": {"always": near},
-            "late": {"eventually": near, "after": 5.0},
-            "until": {"always": near, "until": near},
+            "near": {"always": condition},
+            "late": {"eventually": condition, "after": 5.0},
+            "until": {"always": condition, "until": condition},
         },
     }
     scenario = load_scenario("hover", plain | extended | {"vehicle.mass": 0.7})
-    found = flight_sensitivities(scenario, ["vehicle.mass"])
+    actual = flight_sensitivities(scenario, ["vehicle.mass"])
     expected = flight_sensitivities(load_scenario("hover", plain | {"vehicle.mass": 0.7}), ["vehicle.mass"])
-    assert found.gradients["rmse"] == expected.gradients["rmse"]
-    assert found.metrics["last_fall"] < 0.0
-    assert found.gradients["last_fall"] < 0.0
-    assert np.isfinite(found.gradients["mean_tilt"]).all()
-    assert not {"settling_time", "near", "late", "until"} & {*found.gradients}
+    assert actual.gradients["rmse"] == expected.gradients["rmse"]
+    assert actual.metrics["last_fall"] < 0.0
+    assert actual.gradients["last_fall"] < 0.0
+    assert np.isfinite(actual.gradients["mean_tilt"]).all()
+    assert not {"settling_time", "near", "late", "until"} & {*actual.gradients}
 
 
 @pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.design.gains import AxisGains, pd_loop
+from drake_quad.design.gains import AxisPdGains, pd_loop
 from drake_quad.design.stability_map import mapped_plant, simulated_map, stability_map
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.margins import margins
@@ -38,7 +38,7 @@ def test_each_point_of_the_map_has_the_poles_and_margins_of_a_single_loop(scenar
     gain_map = stability_map(plant, k_p, k_d)
     assert 0 < gain_map.stable.sum() < gain_map.stable.size
     for i, j in np.ndindex(gain_map.stable.shape):
-        gains = AxisGains(k_p[i], k_d[j])
+        gains = AxisPdGains(k_p[i], k_d[j])
         closed = plant.with_feedback(np.array([gains]))
         assert gain_map.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
         if not gain_map.stable[i, j]:
@@ -62,7 +62,6 @@ def test_a_position_loop_without_k_p_is_not_stable(scenario):
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
-    """The poles at a point of the map are also poles of the whole diagram with the gains at this point."""
     overrides = [
         "nominal.inertia=[0.0065, 0.0085, 0.0126]",
         "vehicle.mass=0.75",
@@ -131,8 +130,8 @@ def test_a_map_of_a_scenario_with_a_sample_uses_the_parameters_of_the_sample(sce
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )
     first, second = (mapped_plant(drawn.model_copy(update={"sample": sample}), "position") for sample in (0, 1))
-    own = load_scenario(
+    with_sample = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", [f"vehicle.mass={draw_sample(drawn, 1).vehicle.mass!r}"]
     )
-    np.testing.assert_allclose(mapped_plant(own, "position").A, second.A, atol=1e-12)
+    np.testing.assert_allclose(mapped_plant(with_sample, "position").A, second.A, atol=1e-12)
     assert np.abs(first.A - second.A).max() > 1e-4

@@ -19,7 +19,7 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.studies.comparison import fly_samples
 
-# Fields that are tuned together, and the smallest and the largest value that is tried.
+# A tuning parameter has the paths of the fields that it sets, and the smallest and the largest value to try.
 K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
 K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
@@ -39,7 +39,7 @@ def laboratory(diagrams):
 
 @pytest.mark.long
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
-    budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
+    budget = Budget(rounds=4, candidates=32, samples=2, limit_evaluations=4, local_search_steps=20)
     result = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(2.0), budget=budget)
     assert result.min_margin_ratio >= 1.0
     metrics = fly_samples(with_parameter_values(laboratory, [K_P_PARAMETER, K_D_PARAMETER], result.values), range(2))
@@ -58,7 +58,7 @@ def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laborator
         [laboratory],
         [K_P_PARAMETER],
         k_p_limit(0.25),
-        budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
+        budget=Budget(rounds=3, candidates=16, samples=1, limit_evaluations=4, local_search_steps=10),
     )
     assert result.values[0] == pytest.approx(0.5, rel=0.1)
     assert result.min_margin_ratio == pytest.approx(0.25 / result.values[0])
@@ -85,7 +85,7 @@ def test_limits_apply_to_the_medians_of_distributions():
 
 @pytest.mark.long
 def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory):
-    budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
+    budget = Budget(rounds=1, candidates=4, samples=1, limit_evaluations=1, local_search_steps=4)
     alone = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(12.0), budget=budget)
     thorough = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
     again = tune([laboratory], [K_P_PARAMETER, K_D_PARAMETER], k_p_limit(12.0), budget=budget, before=thorough.values)
@@ -95,7 +95,7 @@ def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory)
 @pytest.mark.long
 def test_without_a_limit_the_vertical_axis_is_tuned_separately_to_the_least_error(laboratory):
     height = TuningParameter(("control.position.k_p.2",), 0.5, 30.0)
-    budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
+    budget = Budget(rounds=3, candidates=16, samples=1, local_search_steps=10)
     result = tune([laboratory, laboratory], [height, K_P_PARAMETER], None, budget=budget)
     assert height.vertical
     assert not K_P_PARAMETER.vertical
@@ -117,37 +117,41 @@ def test_extra_latency_is_added_to_the_latency_of_the_scenario(diagrams):
 
 
 @pytest.fixture(scope="module")
-def narrow(diagrams):
-    """Return a scenario that crashes at a position error of 0.1 m, with a delay margin of 53 ms."""
+def fragile_scenario(diagrams):
+    """Return a scenario that counts a position error of 0.1 m as a crash. Its delay margin is 53 ms."""
     layers = [diagrams / "controllers" / "designed" / "priced.yaml:indi@3"]
     overrides = ["duration=3", "crash.position_error=0.1"]
     return load_scenario(diagrams / "laboratory.yaml:low_wind", overrides, layers=layers)
 
 
 @pytest.mark.long
-def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
+def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(fragile_scenario):
     def crashes(extra_latency):
-        return fly_samples(with_extra_latency(narrow, extra_latency), range(2)).crashed.any()
+        return fly_samples(with_extra_latency(fragile_scenario, extra_latency), range(2)).crashed.any()
 
-    tolerated = tolerated_delay([narrow], 0.09, budget=Budget(samples=2))
+    tolerated = tolerated_delay([fragile_scenario], 0.09, budget=Budget(samples=2))
     assert 0.0 < tolerated < 0.09
     assert crashes(tolerated + 0.01)
     assert not crashes(tolerated)
-    assert tolerated_delay([narrow], tolerated - 0.01, budget=Budget(samples=2)) == pytest.approx(tolerated - 0.01)
+    assert tolerated_delay([fragile_scenario], tolerated - 0.01, budget=Budget(samples=2)) == pytest.approx(
+        tolerated - 0.01
+    )
 
 
 @pytest.mark.long
-def test_crashes_with_extra_latency_add_to_the_error(narrow):
+def test_crashes_with_extra_latency_add_to_the_error(fragile_scenario):
     """A crash at time t of T adds 2 - t / T metres to the error of the flights without latency."""
     parameter, budget = (
         TuningParameter(("control.position.k_p.0",), 3.3, 3.301),
-        Budget(rounds=1, candidates=4, samples=2, steps=1),
+        Budget(rounds=1, candidates=4, samples=2, local_search_steps=1),
     )
     error_without, error_with = (
-        tune([narrow], [parameter], None, budget=budget, extra_latency=extra_latency).error
+        tune([fragile_scenario], [parameter], None, budget=budget, extra_latency=extra_latency).error
         for extra_latency in (0.0, 0.09)
     )
-    metrics = fly_samples(with_parameter_values(with_extra_latency(narrow, 0.09), [parameter], [3.3]), range(2))
+    metrics = fly_samples(
+        with_parameter_values(with_extra_latency(fragile_scenario, 0.09), [parameter], [3.3]), range(2)
+    )
     assert metrics.crashed.all()
     assert error_without < 0.1
     assert error_with - error_without == pytest.approx(float((2.0 - metrics.crash_time / 3.0).mean()), rel=1e-3)

@@ -13,16 +13,16 @@ from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
 
 H = 0.002  # s, sampling period of the inertial sensors
 GRAVITY = 9.81
-TIMES = TimeConstants(tilt=0.5, bias=4.0, rotation=0.3, velocity=0.2, position=0.4)
+TIME_CONSTANTS = TimeConstants(tilt=0.5, bias=4.0, rotation=0.3, velocity=0.2, position=0.4)
 ZERO = Vector(0.0, 0.0, 0.0)
 AT_REST = Estimate(ZERO, ZERO, NO_ROTATION, ZERO, ZERO)
 LEVEL_READINGS = {"gyroscope": [0.0, 0.0, 0.0], "accelerometer": [0.0, 0.0, GRAVITY]}
 
 
-def run(start, aiding, parameters, readings, duration, times=TIMES):
-    """Return system and context of a filter after a time with constant readings."""
+def run(start, aiding, parameters, readings, duration, time_constants=TIME_CONSTANTS):
+    """Return system and context of a filter after constant readings for a given duration."""
     system = ComplementaryFilter(
-        aiding=aiding, period=H, parameters=ComplementaryParameters(times, parameters, start, gravity=GRAVITY)
+        aiding=aiding, period=H, parameters=ComplementaryParameters(time_constants, parameters, start, gravity=GRAVITY)
     )
     context = system.CreateDefaultContext()
     for name, value in readings.items():
@@ -34,11 +34,11 @@ def run(start, aiding, parameters, readings, duration, times=TIMES):
 
 
 def test_a_small_tilt_error_decays_with_its_time_constant():
-    """The estimated bias of the gyroscope is too slow to matter."""
+    """The estimate of the gyroscope's bias changes too slowly to affect the result."""
     start = AT_REST._replace(attitude=Quaternion.of(0.02, -0.01, 0.3))
-    system, context = run(start, (), (), LEVEL_READINGS, 0.5, TIMES._replace(bias=1e6))
+    system, context = run(start, (), (), LEVEL_READINGS, 0.5, TIME_CONSTANTS._replace(bias=1e6))
     roll, pitch, yaw = system.GetOutputPort("measurement").Eval(context)[3:6]
-    np.testing.assert_allclose([roll, pitch], np.array([0.02, -0.01]) * np.exp(-0.5 / TIMES.tilt), rtol=0.01)
+    np.testing.assert_allclose([roll, pitch], np.array([0.02, -0.01]) * np.exp(-0.5 / TIME_CONSTANTS.tilt), rtol=0.01)
     assert yaw == pytest.approx(0.3, abs=1e-3)
 
 
@@ -51,8 +51,8 @@ def test_the_bias_of_the_gyroscope_is_estimated_except_about_the_vertical():
 @pytest.mark.parametrize(
     ("kind", "parameters", "reading", "row", "time"),
     [
-        ("velocity", VelocityAiding(1.0, 1.0, 1.0), [0.5, 0.0, 0.0], 6, TIMES.velocity),
-        ("yaw", YawAiding(1.0), [0.5], 5, TIMES.rotation),
+        ("velocity", VelocityAiding(1.0, 1.0, 1.0), [0.5, 0.0, 0.0], 6, TIME_CONSTANTS.velocity),
+        ("yaw", YawAiding(1.0), [0.5], 5, TIME_CONSTANTS.rotation),
     ],
 )
 def test_an_error_of_a_measured_quantity_decays_with_its_time_constant(kind, parameters, reading, row, time):
@@ -67,18 +67,18 @@ def test_the_position_follows_a_step_as_a_critically_damped_filter(duration):
     """The step response is 1 - (1 - t / T) exp(-t / T) for frequent readings, which overshoots by e^-2."""
     aiding, readings = (Aiding("position", "position", 1),), {**LEVEL_READINGS, "position": [1.0, 0.0, 0.0]}
     system, context = run(AT_REST, aiding, (PositionAiding(1.0, 1.0, 1.0),), readings, duration)
-    time = duration / TIMES.position
-    place = system.get_state(context, "estimate").position.x
-    assert place == pytest.approx(1.0 - (1.0 - time) * np.exp(-time), abs=0.01)
+    time = duration / TIME_CONSTANTS.position
+    position = system.get_state(context, "estimate").position.x
+    assert position == pytest.approx(1.0 - (1.0 - time) * np.exp(-time), abs=0.01)
 
 
 def test_a_steady_acceleration_tilts_the_estimate():
-    """The accelerometer of an accelerating vehicle does not point along the vertical."""
+    """The filter assumes that the specific force is vertical, which is wrong if the vehicle accelerates."""
     R = Rotation.from_euler("x", 0.1).as_matrix()
     force = R.T @ [0.0, -GRAVITY * np.tan(0.1), GRAVITY]
     start = AT_REST._replace(attitude=Quaternion.of(0.1, 0.0, 0.0))
     readings = {"gyroscope": [0.0, 0.0, 0.0], "accelerometer": force}
-    system, context = run(start, (), (), readings, 0.5, TIMES._replace(bias=1e6))
+    system, context = run(start, (), (), readings, 0.5, TIME_CONSTANTS._replace(bias=1e6))
     roll = system.GetOutputPort("measurement").Eval(context)[3]
     assert roll == pytest.approx(0.1 * np.exp(-1.0), rel=0.02)
 

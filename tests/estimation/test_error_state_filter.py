@@ -23,9 +23,9 @@ from drake_quad.estimation.corrections import (
     VelocityAiding,
     YawAiding,
 )
-from drake_quad.estimation.covariance import Covariance, InertialNoise, propagated
+from drake_quad.estimation.covariance import Covariance, InertialNoise, propagate
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.estimation.estimate import NO_INCREMENT, Estimate, extended, predicted, state_of
+from drake_quad.estimation.estimate import NO_INCREMENT, Estimate, extend_increment, predict, state_of
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import BodyRates, EstimateDeviation
@@ -100,8 +100,8 @@ def motion_along(position, yaw, duration):
     )
     accelerations = np.diff(velocity, axis=0) / H + gravity
     forces = np.einsum("kij,ki->kj", middle, accelerations)
-    places = position(0.0) + np.cumsum(np.vstack([np.zeros(3), 0.5 * H * (velocity[:-1] + velocity[1:])]), axis=0)
-    return Motion(places, velocity, rotations, turns / H, forces)
+    positions = position(0.0) + np.cumsum(np.vstack([np.zeros(3), 0.5 * H * (velocity[:-1] + velocity[1:])]), axis=0)
+    return Motion(positions, velocity, rotations, turns / H, forces)
 
 
 def hover(duration):
@@ -229,7 +229,7 @@ def reading_of(kind, p, v, R, rates, generator):
 @pytest.mark.parametrize("lever", [None, Vector(0.3, -0.2, 0.1)], ids=["without lever", "with lever"])
 @pytest.mark.parametrize("kind", AIDING_LAWS)
 def test_the_filter_agrees_with_dense_matrices(kind, lever):
-    """Vector measurements are linearised at one estimate, so the sequential corrections agree exactly."""
+    """The filter corrects with one component after another, all linearised at one estimate, so both agree exactly."""
     generator, motion = np.random.default_rng(3), figure_eight(1.5)
     system = make_filter(Aiding("aid", kind, 4), block_samples=2, lever=lever)
     offset = Rotation.from_rotvec([0.03, -0.02, 0.04]).as_matrix()
@@ -246,8 +246,8 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
         if k % 2 == 0:
             dense.propagate()
         if k % 4 == 0:
-            # The derivatives of a rotation vector are taken where the vector is zero, and those of the magnetic field
-            # at the field of the earth.
+            # Attitudes are linearised at the predicted attitude, and the magnetic field is linearised at the predicted
+            # field of the earth.
             predicted_reading = {
                 "attitude": Rotation.from_matrix(dense.R).as_euler("ZYX")[::-1],
                 "magnetic_field": dense.R.T @ EARTH_FIELD,
@@ -257,7 +257,7 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
             innovation = innovation_of(kind, reading, gyroscope, lever)
             squared_innovation = dense.correct(innovation, DEVIATIONS[kind], linearised)
         dense.predict(gyroscope, accelerometer, H)
-    estimate = predicted(system.get_state(context, "estimate"), system.get_state(context, "increment"), GRAVITY)
+    estimate = predict(system.get_state(context, "estimate"), system.get_state(context, "increment"), GRAVITY)
     R = np.array(estimate.attitude.axes()).T
     np.testing.assert_allclose(estimate.position, dense.p, atol=1e-9, rtol=0.0)
     np.testing.assert_allclose(estimate.velocity, dense.v, atol=1e-9, rtol=0.0)
@@ -271,7 +271,7 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
 
 @pytest.mark.parametrize("latencies", [(2, 0), (1, 1), (0, 1)], ids=str)
 def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
-    """Readings of two sensors arrive in another order than they were taken, but the filter uses them in that order.
+    """Readings of two sensors arrive out of order, but the filter uses them in the order in which they were taken.
 
     Biases that are known exactly make the comparison exact: stored samples need no correction for later biases.
     """
@@ -316,8 +316,8 @@ def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
             np.testing.assert_allclose(flat(at_horizon), flat(estimates[k - horizon]), atol=1e-10, rtol=0.0)
     increment = NO_INCREMENT
     for gyroscope, force in zip(gyroscopes[k - k % 2 - horizon :], forces[k - k % 2 - horizon :], strict=True):
-        increment = extended(increment, BodyRates(*gyroscope), Vector(*force), H)
-    expected = state_of(predicted(at_horizon, increment, GRAVITY), BodyRates(*gyroscopes[-1]))
+        increment = extend_increment(increment, BodyRates(*gyroscope), Vector(*force), H)
+    expected = state_of(predict(at_horizon, increment, GRAVITY), BodyRates(*gyroscopes[-1]))
     np.testing.assert_allclose(systems[1].GetOutputPort("measurement").Eval(contexts[1]), expected, atol=1e-10)
 
 
@@ -349,7 +349,8 @@ def fly(motion, aiding, num_vehicles, seed, block_samples=1):
         }
         for each in aiding:
             true = reading_of(each.kind, motion.position[k], motion.velocity[k], motion.rotations[k], rates, _Silence)
-            # The noise of a magnetometer is the same on all axes, and its horizontal field is 1.
+            # `DEVIATIONS` contains the deviation of the heading. Each axis of the field has the same deviation, because
+            # the horizontal field is 1.
             deviations = DEVIATIONS[each.kind] * (3 if each.kind == "magnetic_field" else 1)
             noise = np.zeros((num_vehicles, len(true)))
             noise[:, : len(deviations)] = deviations * generator.standard_normal((num_vehicles, len(deviations)))
@@ -376,8 +377,8 @@ def normalised_errors(system, context, p, v, R, b_g, b_a):
     estimate, covariance, increment = (
         system.get_state(context, name) for name in ("estimate", "covariance", "increment")
     )
-    P = matrices(propagated(covariance, increment, estimate.attitude.axes(), NOISE))
-    estimate = predicted(estimate, increment, GRAVITY)
+    P = matrices(propagate(covariance, increment, estimate.attitude.axes(), NOISE))
+    estimate = predict(estimate, increment, GRAVITY)
     axes = np.moveaxis(np.array(estimate.attitude.axes()), -1, 0).transpose(0, 2, 1)
     errors = np.hstack(
         [
@@ -394,7 +395,7 @@ def normalised_errors(system, context, p, v, R, b_g, b_a):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", AIDING_LAWS)
 def test_squared_errors_have_their_chi_squared_distribution(kind):
-    """The mean over the fleet is in its band of 99.9 % at the end of a figure eight."""
+    """At the end of a figure eight, the sum over the fleet is within the 99.9 % interval of its distribution."""
     aiding = Aiding("position", "position", 4), Aiding("other", kind, 4)
     _, _, squared_errors = fly(figure_eight(4.0), aiding, 150, 5, block_samples=2)
     low, high = scipy.stats.chi2.interval(0.999, 15 * squared_errors.shape[1])
@@ -419,8 +420,8 @@ def test_yaw_is_not_observable_in_hover_without_a_measurement_of_the_direction()
         deviation = system.GetOutputPort("estimate_deviation").Eval(context).reshape(15, 2)
         deviations.append(EstimateDeviation(*deviation.min(axis=1)))
     without, with_yaw = deviations
-    # The error of the yaw grows with the error of the gyroscope. The few per cent that the latter loses come from the
-    # initial error of the tilt, which accelerates the estimate sideways.
+    # The uncertainty of the yaw grows, because the bias of the gyroscope about Z remains unknown. This bias is reduced
+    # by a few per cent at most, because the initial tilt error accelerates the estimate sideways.
     assert without.rotation_z > 3.0 * INITIAL.rotation_z
     assert without.gyroscope_z > 0.95 * INITIAL.gyroscope_z
     assert max(without.rotation_x, without.rotation_y) < 0.5 * INITIAL.rotation_x
@@ -455,13 +456,13 @@ def test_readings_are_used_again_after_too_many_rejections():
     at_rest = {"gyroscope": [[0.0, 0.0, 0.0]], "accelerometer": [[0.0, 0.0, GRAVITY]]}
     for _ in range(50):
         advance(system, context, {**at_rest, "position": np.zeros((1, 3))})
-    places = []
+    positions = []
     for _ in range(300):
         advance(system, context, {**at_rest, "position": [[2.0, 0.0, 0.0]]})
-        places.append(system.get_state(context, "estimate").position.x)
-    assert max(places[:10]) < 1e-6  # the default of `max_rejections` is 10
-    assert abs(places[10] - 2.0) < 1e-2
-    assert abs(places[-1] - 2.0) < 1e-2
+        positions.append(system.get_state(context, "estimate").position.x)
+    assert max(positions[:10]) < 1e-6  # the default of `max_rejections` is 10
+    assert abs(positions[10] - 2.0) < 1e-2
+    assert abs(positions[-1] - 2.0) < 1e-2
     assert np.abs(system.GetOutputPort("measurement").Eval(context)[3:6]).max() < 0.05  # the attitude stays level
     assert system.get_state(context, "counters").rejections == (0.0,)
 
@@ -487,12 +488,12 @@ def test_the_filter_starts_with_the_direction_of_gravity_and_the_first_reading()
     context = system.CreateDefaultContext()
     R = Rotation.from_euler("ZYX", [2.0, -0.2, 0.3]).as_matrix()
     force = R.T @ [0.0, 0.0, GRAVITY]
-    place = [3.0, -400.0, 5.0]
+    position = [3.0, -400.0, 5.0]
     advance(
-        system, context, {"gyroscope": [np.zeros(3)], "accelerometer": [force], "position": [place], "yaw": [[2.0]]}
+        system, context, {"gyroscope": [np.zeros(3)], "accelerometer": [force], "position": [position], "yaw": [[2.0]]}
     )
     measurement = system.GetOutputPort("measurement").Eval(context)
-    np.testing.assert_allclose(measurement[:3], place, atol=1e-3)
+    np.testing.assert_allclose(measurement[:3], position, atol=1e-3)
     np.testing.assert_allclose(measurement[3:6], [0.3, -0.2, 2.0], atol=2e-3)
 
 

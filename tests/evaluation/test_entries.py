@@ -6,55 +6,63 @@ from drake_quad.evaluation.designs import design_file, read_designs, write_desig
 from drake_quad.evaluation.entries import controller_entries
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.protocol import _write_predictive_control, previous_numbers
-from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_DESIGNS, SENSITIVITY_LIMITS, priced_name
+from drake_quad.evaluation.results import (
+    SENSITIVITY_LIMITS,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANTS,
+    sensitivity_variant_name,
+)
 from drake_quad.scenario.paths import split_path
 
 
 def numbers_in(design, paths):
     """Return the values at the given paths of a design."""
-    found = []
+    result = []
     for path in paths:
         part = design
         for step in split_path(path):
             part = part[int(step) if step.isdecimal() else step]
-        found.append(part)
-    return found
+        result.append(part)
+    return result
 
 
 @pytest.fixture(scope="module")
 def designs(diagrams):
     """Return the shipped designs by family, and the designs with other limits."""
-    return {name: read_designs(design_file(diagrams, name)) for name in (*FAMILIES, PRICED_DESIGNS)}
+    return {name: read_designs(design_file(diagrams, name)) for name in (*FAMILIES, SENSITIVITY_VARIANTS)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_shipped_design_differs_from_its_controller_entry_only_in_tuned_parameters(name, designs):
     family = FAMILIES[name]
-    entries = controller_entries(on_board=family.on_board, maps=family.maps)
+    entries = controller_entries(on_board=family.on_board, position_networks=family.position_networks)
     # The file of the laboratory also contains a design with a smaller margin.
     assert designs[name].keys() - {"indi_fast"} == entries.keys()
     for key, entry in entries.items():
         design = designs[name][key]
         numbers = [numbers_in(design, parameter.paths) for parameter in entry.parameters]
-        for parameter, found in zip(entry.parameters, numbers, strict=True):
-            assert len(set(found)) == 1
-            assert parameter.low <= found[0] <= parameter.high
+        for parameter, result in zip(entry.parameters, numbers, strict=True):
+            assert len(set(result)) == 1
+            assert parameter.low <= result[0] <= parameter.high
             # The report states that each range spans at least a factor of ten.
             assert parameter.high >= 9.99 * parameter.low
         if entry.parameters:
-            assert entry.tree([found[0] for found in numbers]) == design
+            assert entry.tree([result[0] for result in numbers]) == design
         else:
             assert design["control"]["kind"] == key
-    for key in PRICED_CONTROLLERS:
+    for key in SENSITIVITY_VARIANT_CONTROLLERS:
         for limit in SENSITIVITY_LIMITS if name == "laboratory" else ():
-            design, parameters = designs[PRICED_DESIGNS][priced_name(key, limit)], entries[key].parameters
+            design, parameters = (
+                designs[SENSITIVITY_VARIANTS][sensitivity_variant_name(key, limit)],
+                entries[key].parameters,
+            )
             if parameters:
                 assert entries[key].tree([numbers_in(design, parameter.paths)[0] for parameter in parameters]) == design
 
 
 def test_controller_entries_have_consistent_attributes():
-    entries = controller_entries(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, position_networks=True)
     assert [name for name, each in entries.items() if each.uncompiled] == ["mpc"]
     in_laps = [name for name, each in entries.items() if each.trained_in_laps]
     assert in_laps == [name for name in entries if name.endswith("_map")]
@@ -63,13 +71,13 @@ def test_controller_entries_have_consistent_attributes():
         assert each.label == "LQG" or not each.base or each.label.startswith(f"{entries[each.base].label} + type ")
         assert each.base or ("lag" in each.plant_knowledge) == ("lag" in str(each.parameters) or name == "lqg")
     assert len({each.label for each in entries.values()}) == len(entries)
-    without = controller_entries(on_board=False, maps=False)
+    without = controller_entries(on_board=False, position_networks=False)
     assert entries.keys() - without.keys() == set(in_laps)
-    assert entries.keys() - controller_entries(on_board=True, maps=True).keys() == {"geometric"}
+    assert entries.keys() - controller_entries(on_board=True, position_networks=True).keys() == {"geometric"}
 
 
 def test_the_middle_of_a_range_is_its_geometric_mean():
-    entry = controller_entries(on_board=True, maps=False)["pd"]
+    entry = controller_entries(on_board=True, position_networks=False)["pd"]
     tree = entry.geometric_mean()
     for parameter in entry.parameters:
         for number in numbers_in(tree, parameter.paths):
@@ -92,7 +100,7 @@ def test_the_mpc_design_is_the_lqg_regulator_with_a_horizon(name, designs, tmp_p
 def test_the_parameters_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
     family = FAMILIES["laboratory"]
     path = design_file(diagrams, "laboratory")
-    entries = controller_entries(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, position_networks=True)
     for key in ("indi", "pd_t2fnn"):
         expected = [numbers_in(designs["laboratory"][key], parameter.paths)[0] for parameter in entries[key].parameters]
         assert previous_numbers(diagrams, family, path, key, entries[key]) == expected

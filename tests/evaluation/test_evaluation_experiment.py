@@ -1,4 +1,4 @@
-"""Selection of the flights of the evaluation. Flights are replaced by functions that record their arguments."""
+"""Tests of which flights an evaluation selects. Stubs replace the flights and record their arguments."""
 
 import math
 from types import SimpleNamespace
@@ -19,50 +19,60 @@ from drake_quad.evaluation.experiment import (
     fly_evaluation,
     fly_family,
     fly_laps,
-    fly_priced,
+    fly_sensitivity_variants,
     missing_designs,
 )
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily, overrides_for_laps
 from drake_quad.evaluation.results import (
-    PRICED_CONTROLLERS,
-    PRICED_DESIGNS,
     SENSITIVITY_LIMITS,
+    SENSITIVITY_VARIANT_CONTROLLERS,
+    SENSITIVITY_VARIANTS,
     Traits,
     laboratory_with_laps,
-    priced_name,
+    sensitivity_variant_name,
 )
 
-SIZES = EvaluationSizes(samples=7, uncompiled=3, laps=5, max_laps=3, delayed=4, max_delay_frames=6)
+SIZES = EvaluationSizes(
+    samples=7, num_uncompiled_samples=3, num_lap_samples=5, max_laps=3, num_delay_samples=4, max_delay_frames=6
+)
 
 
 @pytest.fixture
 def replaced_flights(monkeypatch):
-    """Replace flights and linear models by texts that describe them, and scenarios by their layers."""
+    """Replace flights and linear models by stubs that return text, and scenarios by the names of their layers."""
 
-    def scenario(family, diagrams, place, layers=(), overrides=()):
-        return (place, *(layer.rpartition(":")[2] for layer in layers), *overrides)
+    def layered_name(family, diagrams, laboratory, layers=(), overrides=()):
+        return (laboratory, *(layer.rpartition(":")[2] for layer in layers), *overrides)
 
-    monkeypatch.setattr(LaboratoryFamily, "scenario", scenario)
+    monkeypatch.setattr(LaboratoryFamily, "scenario", layered_name)
     monkeypatch.setattr(
-        experiment, "timed_flights", lambda of, count, compiled=True: (("flown", of, count, compiled), f"time {of[0]}")
+        experiment,
+        "timed_flights",
+        lambda scenario, count, compiled=True: (("flown", scenario, count, compiled), f"time {scenario[0]}"),
     )
-    monkeypatch.setattr(experiment, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
-    monkeypatch.setattr(experiment, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
-    monkeypatch.setattr(experiment, "single_vehicle_time", lambda of, compiled=True: f"lone {of} {compiled}")
+    monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (f"peak {scenario}", f"delay {scenario}"))
     monkeypatch.setattr(
-        experiment, "certified_scales", lambda of, compiled=True: (f"stable {of}", f"unstable {of}", compiled)
+        experiment, "delay_flown", lambda scenario, sizes: f"stood {scenario} {sizes.num_delay_samples}"
+    )
+    monkeypatch.setattr(
+        experiment, "single_vehicle_time", lambda scenario, compiled=True: f"lone {scenario} {compiled}"
+    )
+    monkeypatch.setattr(
+        experiment,
+        "certified_scales",
+        lambda scenario, compiled=True: (f"stable {scenario}", f"unstable {scenario}", compiled),
     )
 
 
 def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, diagrams):
-    family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
+    family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, position_networks=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
-        *found, last = fly_family(diagrams, "mine", family, name, SIZES)
+        *result, last = fly_family(diagrams, "mine", family, name, SIZES)
         uncompiled = name == "mpc"
         count = 3 if uncompiled else 7
-        for place, flown in zip(("gale", "calm"), found, strict=True):
-            assert flown == (place, name, ("flown", (place, name), count, not uncompiled))
-        # A network has the margin of the controller to which it is added.
+        for laboratory, flown in zip(("gale", "calm"), result, strict=True):
+            assert flown == (laboratory, name, ("flown", (laboratory, name), count, not uncompiled))
+        # The margins of a controller with a network are those of the same controller without it.
         base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
         tolerated = last[2].delay_flown
@@ -80,8 +90,8 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
 def test_certified_scales_are_those_of_certify_hover_or_nan_with_a_reason(diagrams):
     lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
     late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])
-    found, expected = experiment.certified_scales(late), certify_hover(late)
-    assert found == (expected.stable_scale, expected.unstable.scale, "")
+    actual, expected = experiment.certified_scales(late), certify_hover(late)
+    assert actual == (expected.stable_scale, expected.unstable.scale, "")
     learning = load_scenario("hover", [lag], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     for scenario, compiled, reason in (
         (learning, True, "has poles at 1 in hover, for example those of a learning network's weights"),
@@ -95,16 +105,16 @@ def test_certified_scales_are_those_of_certify_hover_or_nan_with_a_reason(diagra
 
 def test_quick_evaluations_certify_nothing(replaced_flights, diagrams):
     *_, last = fly_family(diagrams, "outdoor", FAMILIES["outdoor"], "pd", QUICK)
-    assert last[2].not_certified == "certificates are left out in a quick test"
+    assert last[2].not_certified == "certificates are not computed in a quick test"
 
 
 def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams):
     family = FAMILIES["neural_fly"]
-    found = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
-    assert [place for place, *_ in found] == [*family.laboratories, "neural_fly"]
-    assert all(metrics[1][-1] == "duration=2.5" for *_, metrics in found[:-1])
-    assert found[-1][2].sensitivity == "peak ('8 m/s', 'indi')"
-    assert "duration=2.5" in found[-1][2].delay_flown
+    result = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
+    assert [laboratory for laboratory, *_ in result] == [*family.laboratories, "neural_fly"]
+    assert all(metrics[1][-1] == "duration=2.5" for *_, metrics in result[:-1])
+    assert result[-1][2].sensitivity == "peak ('8 m/s', 'indi')"
+    assert "duration=2.5" in result[-1][2].delay_flown
     assert QUICK.overrides == ("duration=1.0",)
     assert SIZES.overrides == ()
 
@@ -113,25 +123,33 @@ def test_networks_with_the_position_as_input_and_their_base_controllers_fly_one_
     replaced_flights, diagrams
 ):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
-    found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
-    assert [each[:2] for each in found] == [
+    result = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
+    assert [each[:2] for each in result] == [
         (laboratory_with_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
     ]
-    for place, name, metrics in found:
-        laps = int(place[-1])
+    for laboratory, name, metrics in result:
+        laps = int(laboratory[-1])
         assert metrics == ("flown", ("high wind", name, *overrides_for_laps(laps)), 5, True)
     assert overrides_for_laps(3) == ("route.laps=3", "metrics.first_lap=3")
 
 
 def test_designs_with_other_sensitivity_limits_fly_in_high_wind(replaced_flights, diagrams):
-    found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
-    names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
-    assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
-    short = ("high wind", names[0], "duration=2.0")
-    assert found[0][2] == ("flown", short, 7, True)
-    whole = ("high wind", names[0])
-    assert found[1][2] == Traits(
-        f"peak {whole}", f"delay {whole}", f"stood {short} 4", f"lone {short} True", "time high wind"
+    result = list(
+        fly_sensitivity_variants(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0))
+    )
+    names = [sensitivity_variant_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
+    assert [each[:2] for each in result] == [
+        (laboratory, name) for name in names for laboratory in ("high wind", "priced")
+    ]
+    short_flight = ("high wind", names[0], "duration=2.0")
+    assert result[0][2] == ("flown", short_flight, 7, True)
+    full_flight = ("high wind", names[0])
+    assert result[1][2] == Traits(
+        f"peak {full_flight}",
+        f"delay {full_flight}",
+        f"stood {short_flight} 4",
+        f"lone {short_flight} True",
+        "time high wind",
     )
 
 
@@ -141,12 +159,12 @@ def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
     Three single flights take 3 s, 1 s, and 0.5 s, since the third crashes after 1 s of flight.
     """
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
-    clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
+    clock, fleets, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
 
     class Fleet:
         def __init__(self, scenario, _plan, count, *, compiled):
             self.scenario, self.duration = scenario, 4.0
-            made.append((count, compiled))
+            fleets.append((count, compiled))
 
         def fly(self, samples):
             flown.append([*samples])
@@ -155,10 +173,10 @@ def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
     monkeypatch.setattr(experiment, "StudyFleet", Fleet)
     monkeypatch.setattr(experiment.time, "process_time", lambda: next(clock))
     assert scenario.laboratory.command_link.period == 0.02
-    _, spent = experiment.timed_flights(scenario, 7)
-    assert spent == pytest.approx(14.0 / 7.0 / 200.0)
+    _, fleet_time = experiment.timed_flights(scenario, 7)
+    assert fleet_time == pytest.approx(14.0 / 7.0 / 200.0)
     assert experiment.single_vehicle_time(scenario) == pytest.approx(1.0 / 200.0)
-    assert made == [(7, True), (1, True)]
+    assert fleets == [(7, True), (1, True)]
     assert flown == [
         [*range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + 7)],
         *([FIRST_EVALUATION_SAMPLE + i] for i in range(3)),
@@ -166,7 +184,7 @@ def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
     clock = iter(range(20))
     experiment.timed_flights(scenario, 3, compiled=False)
     experiment.single_vehicle_time(scenario, compiled=False)
-    assert made[2:] == [(3, False), (1, False)]
+    assert fleets[2:] == [(3, False), (1, False)]
 
 
 @pytest.mark.parametrize(
@@ -176,19 +194,19 @@ def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     monkeypatch, diagrams, crashes_from, expected
 ):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
-    user_controllers, seen = scenario.laboratory.motion_capture.latency_frames, []
+    latency_frames, recorded = scenario.laboratory.motion_capture.latency_frames, []
 
     def simulate(batch, plan, *, compiled):
-        late = batch.varying[experiment.LATENCY] - user_controllers
-        seen.append((late.tolist(), batch.samples))
+        extra_frames = batch.varying[experiment.LATENCY] - latency_frames
+        recorded.append((extra_frames.tolist(), batch.samples))
         # Only one of the samples crashes.
-        crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_EVALUATION_SAMPLE + 2)
-        return SimpleNamespace(fly=seen.append, metrics=lambda: SimpleNamespace(crashed=crashed))
+        crashed = (extra_frames >= crashes_from) & (np.array(batch.samples) == FIRST_EVALUATION_SAMPLE + 2)
+        return SimpleNamespace(fly=recorded.append, metrics=lambda: SimpleNamespace(crashed=crashed))
 
     monkeypatch.setattr(experiment, "simulate_fleet", simulate)
     assert experiment.delay_flown(scenario, SIZES) == pytest.approx(expected)
-    (late, samples), duration = seen
-    assert late == [float(frames) for frames in range(7) for _ in range(4)]
+    (extra_frames, samples), duration = recorded
+    assert extra_frames == [float(frames) for frames in range(7) for _ in range(4)]
     assert samples == (*range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + 4),) * 7
     assert duration > 10.0
 
@@ -200,13 +218,13 @@ def test_worst_margins_are_the_worst_of_all_loops_at_the_command_link(monkeypatc
         "two": SimpleNamespace(sensitivity=1.5, delay=0.03),
         "none": None,
     }
-    monkeypatch.setattr(experiment, "link_margins", lambda of: loops)
+    monkeypatch.setattr(experiment, "link_margins", lambda _: loops)
     assert experiment.worst_margins(scenario) == (2.0, 0.03)
 
-    def unknown(of):
+    def refuse(_):
         raise experiment.InputError("no linear model")
 
-    monkeypatch.setattr(experiment, "link_margins", unknown)
+    monkeypatch.setattr(experiment, "link_margins", refuse)
     assert all(map(math.isnan, experiment.worst_margins(scenario)))
 
 
@@ -223,23 +241,27 @@ def write_all_designs_but(folder, family, names):
 
 
 def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
-    """Flights over several laps and flights of priced designs belong to the family that contains `LAPS_LABORATORY`."""
-    traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
+    """The family that contains `LAPS_LABORATORY` also flies several laps, and designs with other sensitivity limits."""
+    traits, calls, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
-    def of_family(folder, name, family, entry, sizes):
-        asked.append((name, entry, sizes))
+    def fly_family(folder, name, family, entry, sizes):
+        calls.append((name, entry, sizes))
         yield next(iter(family.laboratories)), entry, flights(0.1)
         yield name, entry, traits
 
-    def of_laps(folder, name, family, entries, sizes):
-        asked.append(("laps", name, family, entries, sizes))
+    def fly_laps(folder, name, family, entries, sizes):
+        calls.append(("laps", name, family, entries, sizes))
         yield laboratory_with_laps(1), "pd", flights(0.2)
 
-    def of_prices(folder, family, entries, sizes):
-        asked.append(("priced", family, entries, sizes))
-        yield PRICED_DESIGNS, "indi@3", traits
+    def fly_sensitivity_variants(folder, family, entries, sizes):
+        calls.append(("priced", family, entries, sizes))
+        yield SENSITIVITY_VARIANTS, "indi@3", traits
 
-    for name, function in {"fly_family": of_family, "fly_laps": of_laps, "fly_priced": of_prices}.items():
+    for name, function in {
+        "fly_family": fly_family,
+        "fly_laps": fly_laps,
+        "fly_sensitivity_variants": fly_sensitivity_variants,
+    }.items():
         monkeypatch.setattr(experiment, name, function)
     write_all_designs_but(tmp_path, "outdoor", ["mpc"])
     write_all_designs_but(tmp_path, "laboratory", [])
@@ -249,24 +271,24 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
         rows.append(len((tmp_path / "flights.csv").read_text(encoding="utf-8").splitlines()) - 1)
 
     families = ["outdoor", "laboratory"]
-    found = fly_evaluation(tmp_path, families, QUICK, tmp_path, only=["pd", "mpc"], progress=progress)
+    result = fly_evaluation(tmp_path, families, QUICK, tmp_path, only=["pd", "mpc"], progress=progress)
     laboratory = FAMILIES["laboratory"]
-    assert asked == [
+    assert calls == [
         ("outdoor", "pd", QUICK),
         ("laboratory", "pd", QUICK),
         ("laboratory", "mpc", QUICK),
         ("laps", "laboratory", laboratory, ["pd", "mpc"], QUICK),
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
-    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED_DESIGNS]
+    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", SENSITIVITY_VARIANTS]
     assert reports == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # The results are written after each job.
     assert rows == [NUM_FLIGHTS, 2 * NUM_FLIGHTS, 3 * NUM_FLIGHTS, 4 * NUM_FLIGHTS, 4 * NUM_FLIGHTS]
-    assert {place: [*each] for place, each in found.flights.items()} == {
+    assert {laboratory_name: [*each] for laboratory_name, each in result.flights.items()} == {
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
     }  # fmt: skip
-    assert {name: [*each] for name, each in found.traits.items()} == {
-        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED_DESIGNS: ["indi@3"],
+    assert {name: [*each] for name, each in result.traits.items()} == {
+        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], SENSITIVITY_VARIANTS: ["indi@3"],
     }  # fmt: skip
     for name in ("mpc", "moon"):
         with pytest.raises(InputError, match="none of the chosen controllers has a design"):
@@ -277,20 +299,20 @@ def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """Replace the tuning by a function that returns the middle of each range, and record its arguments."""
-    kept = []
+    """Replace the tuning by a stub that returns the middle of each range, and return its recorded arguments."""
+    calls = []
 
     def tune(scenarios, parameters, fractions, *, budget, extra_latency=0.0, before=None, progress=None):
-        kept.append((scenarios, fractions, budget, extra_latency, before))
+        calls.append((scenarios, fractions, budget, extra_latency, before))
         numbers = tuple(math.sqrt(parameter.low * parameter.high) for parameter in parameters)
         return TuningResult(numbers, 0.1234, 0.876 if fractions is None else 1.7)
 
     monkeypatch.setattr(protocol, "tune", tune)
-    return kept
+    return calls
 
 
 @pytest.mark.slow
-def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_priced_designs(
+def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_sensitivity_variants(
     tuned, monkeypatch, diagrams, tmp_path
 ):
     """INDI is tuned by the search and LQG from Riccati equations, each with four limits."""
@@ -299,28 +321,34 @@ def test_designs_with_other_sensitivity_limits_are_written_to_the_file_of_priced
     (folder / "controllers" / "designed").mkdir(parents=True)
     winds = (f"{wind}: {{extends: '{diagrams}/laboratory.yaml:{wind}'}}\n" for wind in ("low_wind", "high_wind"))
     (folder / "laboratory.yaml").write_text("".join(winds), encoding="utf-8")
-    monkeypatch.setattr(protocol, "design_lqg", lambda place, wanted: limits.append((place, wanted)) or lqg)
+    monkeypatch.setattr(
+        protocol, "design_lqg", lambda flown_scenario, lqg_limits: limits.append((flown_scenario, lqg_limits)) or lqg
+    )
     monkeypatch.setattr(LoopLimit, "margin_ratios", lambda limit, scenario: limit.sensitivity)
     budget = Budget(rounds=2, candidates=4)
-    made = list(protocol.design_priced(folder, budget=budget))
+    designs = list(protocol.design_sensitivity_variants(folder, budget=budget))
     path = design_file(folder, "priced")
-    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITY_LIMITS]
-    assert [each.name for each in made] == [*read_designs(path)] == names
+    names = [
+        sensitivity_variant_name(name, limit)
+        for name in SENSITIVITY_VARIANT_CONTROLLERS
+        for limit in SENSITIVITY_LIMITS
+    ]
+    assert [each.name for each in designs] == [*read_designs(path)] == names
     assert list(path.parent.iterdir()) == [path]
     assert path.read_text(encoding="utf-8").startswith(
         "# Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity"
     )
-    entry = controller_entries(on_board=False, maps=False)["indi"]
+    entry = controller_entries(on_board=False, position_networks=False)["indi"]
     assert read_designs(path)["indi@1.6"] == entry.geometric_mean()
-    for (scenarios, fractions, given, later, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
+    for (scenarios, fractions, used_budget, extra_latency, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
         assert fractions(scenarios[0]) == limit
-        assert (given, later) == (budget, 0.0)
-    assert made[0].description == f"{len(entry.parameters)} numbers tuned in 2 rounds, 12.34 cm in training"
-    assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITY_LIMITS]
-    assert {(place.name, wanted.delay) for place, wanted in limits} == {("high_wind", 0.05)}
+        assert (used_budget, extra_latency) == (budget, 0.0)
+    assert designs[0].description == f"{len(entry.parameters)} numbers tuned in 2 rounds, 12.34 cm in training"
+    assert [lqg_limits.sensitivity for _, lqg_limits in limits] == [*SENSITIVITY_LIMITS]
+    assert {(flown_scenario.name, lqg_limits.delay) for flown_scenario, lqg_limits in limits} == {("high_wind", 0.05)}
     assert read_designs(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
-    assert made[-1].description == "designed from Riccati equations"
+    assert designs[-1].description == "designed from Riccati equations"
 
 
 @pytest.mark.slow
@@ -335,28 +363,35 @@ def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_l
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
     family = LaboratoryFamily(
-        {"low wind": "mine.yaml"}, ("low wind",), "low wind", lap_overrides=overrides_for_laps(2), maps=True
+        {"low wind": "mine.yaml"},
+        ("low wind",),
+        "low wind",
+        lap_overrides=overrides_for_laps(2),
+        position_networks=True,
     )
-    asked = []
+    calls = []
 
-    def tolerated(scenarios, most, *, budget):
-        asked.append((scenarios, most, budget))
+    def tolerated(scenarios, max_delay, *, budget):
+        calls.append((scenarios, max_delay, budget))
         return 0.03
 
     monkeypatch.setattr(protocol, "tolerated_delay", tolerated)
-    entries = {name: controller_entries(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
+    entries = {
+        name: controller_entries(on_board=False, position_networks=True)[name]
+        for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")
+    }
     budget = Budget(rounds=3)
-    made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
-    late = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"
-    assert [each.description for each in made] == [
+    designs = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
+    suffix = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"
+    assert [each.description for each in designs] == [
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
-        *(f"{len(entries[name].parameters)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
+        *(f"{len(entries[name].parameters)} {suffix}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
     ]
-    assert [(fractions is None, later, before) for _, fractions, _, later, before in tuned] == [
+    assert [(fractions is None, extra_latency, before) for _, fractions, _, extra_latency, before in tuned] == [
         (False, 0.0, None), (True, 0.03, None), (True, 0.03, None),
     ]  # fmt: skip
-    assert [(most, given) for _, most, given in asked] == [(0.05, budget)] * 2
-    assert all(alone[0].control.network is None for alone, *_ in asked)
+    assert [(max_delay, given) for _, max_delay, given in calls] == [(0.05, budget)] * 2
+    assert all(flown_scenarios[0].control.network is None for flown_scenarios, *_ in calls)
     # Only networks that depend on the position are trained in laps.
     assert [scenarios[0].route.laps for scenarios, *_ in tuned] == [1, 1, 2]
     again = list(protocol.design_family(folder, "mine", family, {"pd": entries["pd"]}, budget=budget))

@@ -33,8 +33,8 @@ def ticks(axis):
 
 
 def test_a_figure_is_drawn_only_if_the_evaluation_contains_its_flights():
-    found = evaluation()
-    drawn = dict(evaluation_figures(found))
+    result = evaluation()
+    drawn = dict(evaluation_figures(result))
     assert list(drawn) == ["errors", "networks", "margins", "laps"]
     labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
     assert drawn["errors"].get_supxlabel() == "RMSE (cm)"
@@ -48,7 +48,7 @@ def test_a_figure_is_drawn_only_if_the_evaluation_contains_its_flights():
         assert len(legend.texts) == 2
     for figure in drawn.values():
         assert 3.0 < figure.get_figwidth() < 10.0  # inches, one or two columns of a page
-    few = Evaluation({"outdoor": {"pd": found.flights["outdoor"]["pd"]}}, {"outdoor": found.traits["outdoor"]})
+    few = Evaluation({"outdoor": {"pd": result.flights["outdoor"]["pd"]}}, {"outdoor": result.traits["outdoor"]})
     assert [name for name, _ in evaluation_figures(few)] == ["errors"]
 
 
@@ -59,45 +59,45 @@ def test_a_name_is_split_into_controller_and_network():
 
 
 def test_the_errors_figure_has_markers_with_intervals():
-    found = evaluation(crashed=range(8))
-    for place in ("robustness", "still air"):
-        found.flights[place] = {"pd": flights(0.9), "indi": flights(0.01, own=1)}
+    result = evaluation(crashed=range(8))
+    for laboratory in ("robustness", "still air"):
+        result.flights[laboratory] = {"pd": flights(0.9), "indi": flights(0.01, scatter=1)}
     names = ["pd", "indi", "pd_t1fnn", "pd_t2fnn", "indi_t2fnn"]
-    figure = errors_figure(found)
-    shown = [axes for axes in figure.axes if axes.get_visible()]
+    figure = errors_figure(result)
+    visible_axes = [axes for axes in figure.axes if axes.get_visible()]
     titles = ["no wind", "low wind", "high wind", "outdoor", "robustness", "still air"]
-    assert [axes.get_title().split("\n")[-1] for axes in shown] == titles
-    assert shown[0].get_title() == "laboratory\nno wind"
-    assert shown[3].get_title() == "outdoor"
-    assert ticks(shown[0].yaxis) == ([*range(5)], [CONTROLLER_NAMES[name] for name in names])
-    looks = {}
-    for axes, place in zip(shown, titles, strict=True):
-        flown = [name for name in names if name in found.flights[place]]
+    assert [axes.get_title().split("\n")[-1] for axes in visible_axes] == titles
+    assert visible_axes[0].get_title() == "laboratory\nno wind"
+    assert visible_axes[3].get_title() == "outdoor"
+    assert ticks(visible_axes[0].yaxis) == ([*range(5)], [CONTROLLER_NAMES[name] for name in names])
+    styles = {}
+    for axes, laboratory in zip(visible_axes, titles, strict=True):
+        flown = [name for name in names if name in result.flights[laboratory]]
         low, high = axes.get_xlim()
-        for name, interval, mark in zip(flown, axes.lines[::2], axes.lines[1::2], strict=True):
-            row, mean = names.index(name), centimetres(found.flights[place][name])
+        for name, interval, marker in zip(flown, axes.lines[::2], axes.lines[1::2], strict=True):
+            row, mean = names.index(name), centimetres(result.flights[laboratory][name])
             np.testing.assert_allclose(interval.get_xydata(), [[mean.low, row], [mean.high, row]])
-            np.testing.assert_allclose(mark.get_xydata(), [[mean.value, row]])
-            assert (mark.get_fillstyle() == "none") == ((name, place) == ("pd_t2fnn", "outdoor"))
-            assert interval.get_color() == mark.get_color()
-            looks.setdefault(name, set()).add((mark.get_color(), mark.get_marker()))
+            np.testing.assert_allclose(marker.get_xydata(), [[mean.value, row]])
+            assert (marker.get_fillstyle() == "none") == ((name, laboratory) == ("pd_t2fnn", "outdoor"))
+            assert interval.get_color() == marker.get_color()
+            styles.setdefault(name, set()).add((marker.get_color(), marker.get_marker()))
             assert low * 1.2 < mean.low < mean.high < high / 1.2
         assert axes.get_ylim() == (pytest.approx(len(names) - 0.5, abs=0.2), pytest.approx(-0.5, abs=0.2))
-        at, written = ticks(axes.xaxis)
-        assert len(at) >= 3
-        assert low <= min(at) < max(at) <= high
-        assert written == [f"{each:g}" for each in at]
+        positions, labels = ticks(axes.xaxis)
+        assert len(positions) >= 3
+        assert low <= min(positions) < max(positions) <= high
+        assert labels == [f"{each:g}" for each in positions]
         # Tick labels are round numbers and do not overlap.
-        assert {f"{each:e}".partition("e")[0].rstrip(".0") for each in at} <= {"1", "2", "3", "5"}
-        assert min(np.diff(np.log10(at))) > 0.06 * np.log10(high / low)
+        assert {f"{each:e}".partition("e")[0].rstrip(".0") for each in positions} <= {"1", "2", "3", "5"}
+        assert min(np.diff(np.log10(positions))) > 0.06 * np.log10(high / low)
         assert not len(axes.xaxis.get_minorticklocs())
         assert axes.get_xscale() == "log"
     # A controller has the same colour with and without a network, and each kind of network has one marker.
-    ((color, mark),) = looks["pd"]
-    assert looks["pd_t2fnn"] == {(color, looks["indi_t2fnn"].copy().pop()[1])}
-    assert looks["pd_t1fnn"] != looks["pd_t2fnn"]
-    assert looks["indi"].copy().pop()[0] == looks["indi_t2fnn"].copy().pop()[0] != color
-    assert looks["indi"].copy().pop()[1] == mark
+    ((color, marker),) = styles["pd"]
+    assert styles["pd_t2fnn"] == {(color, styles["indi_t2fnn"].copy().pop()[1])}
+    assert styles["pd_t1fnn"] != styles["pd_t2fnn"]
+    assert styles["indi"].copy().pop()[0] == styles["indi_t2fnn"].copy().pop()[0] != color
+    assert styles["indi"].copy().pop()[1] == marker
 
 
 def test_the_errors_figure_omits_controllers_that_crash_in_all_samples():
@@ -107,68 +107,70 @@ def test_the_errors_figure_omits_controllers_that_crash_in_all_samples():
 
 
 def test_the_networks_figure_has_a_row_per_network():
-    found = evaluation(network=0.9, other=0.8)
-    found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, own=1)
-    cuts = reductions_by_network(found)
-    assert list(cuts) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
-    assert [*cuts["pd_t1fnn"]] == [*LABORATORIES]
-    assert cuts["pd_t2fnn"]["outdoor"] == reduction(comparisons_by_laboratory(found, "pd_t2fnn", "pd")["outdoor"].ratio)
-    figure = networks_figure(found)
+    result = evaluation(type_1_ratio=0.9, type_2_ratio=0.8)
+    result.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, scatter=1)
+    reductions = reductions_by_network(result)
+    assert list(reductions) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
+    assert [*reductions["pd_t1fnn"]] == [*LABORATORIES]
+    assert reductions["pd_t2fnn"]["outdoor"] == reduction(
+        comparisons_by_laboratory(result, "pd_t2fnn", "pd")["outdoor"].ratio
+    )
+    figure = networks_figure(result)
     (axes,) = figure.axes
     zero, *lines = axes.lines
     assert set(zero.get_xdata()) == {0.0}
-    shown = iter(zip(lines[::2], lines[1::2], strict=True))
+    pairs_of_lines = iter(zip(lines[::2], lines[1::2], strict=True))
     (legend,) = figure.legends
     colors = {text.get_text(): line.get_color() for text, line in zip(legend.texts, legend.get_lines(), strict=True)}
     assert list(colors) == list(FAMILIES)
     assert len(set(colors.values())) == 4
     low, high = axes.get_xlim()
-    for row, by_place in enumerate(cuts.values()):
+    for row, by_laboratory in enumerate(reductions.values()):
         heights = []
-        for place, each in by_place.items():
-            interval, mark = next(shown)
-            family = "outdoor" if place == "outdoor" else "laboratory"
-            assert interval.get_color() == mark.get_color() == colors[family]
+        for laboratory, each in by_laboratory.items():
+            interval, marker = next(pairs_of_lines)
+            family = "outdoor" if laboratory == "outdoor" else "laboratory"
+            assert interval.get_color() == marker.get_color() == colors[family]
             np.testing.assert_allclose(interval.get_xdata(), [100.0 * each.low, 100.0 * each.high])
-            np.testing.assert_allclose(mark.get_xdata(), 100.0 * each.value)
-            np.testing.assert_allclose(interval.get_ydata(), mark.get_ydata()[0])
-            heights.append(float(mark.get_ydata()[0]) - row)
+            np.testing.assert_allclose(marker.get_xdata(), 100.0 * each.value)
+            np.testing.assert_allclose(interval.get_ydata(), marker.get_ydata()[0])
+            heights.append(float(marker.get_ydata()[0]) - row)
             assert low < 100.0 * each.low < 100.0 * each.high < high
         # The markers of a row are separate, in order, and closer to their row than to the next one.
         assert sorted(heights) == heights
         assert max(np.abs(heights)) < 0.5
-        assert len(set(heights)) == len(by_place)
-    assert next(shown, None) is None
-    at, written = ticks(axes.yaxis)
-    assert (at, written) == ([*range(4)], [CONTROLLER_NAMES[name] for name in cuts])
+        assert len(set(heights)) == len(by_laboratory)
+    assert next(pairs_of_lines, None) is None
+    positions, labels = ticks(axes.yaxis)
+    assert (positions, labels) == ([*range(4)], [CONTROLLER_NAMES[name] for name in reductions])
     bottom, top = axes.get_ylim()
     assert (bottom, top) == (3.5, -0.5)
-    at, written = ticks(axes.xaxis)
-    assert [float(text) for text in written] == at
+    positions, labels = ticks(axes.xaxis)
+    assert [float(text) for text in labels] == positions
     assert not len(axes.xaxis.get_minorticklocs())
-    worst = min(each.low for by_place in cuts.values() for each in by_place.values())
+    worst = min(each.low for by_laboratory in reductions.values() for each in by_laboratory.values())
     assert 100.0 * worst > low > 150.0 * worst
 
 
 def test_the_axis_of_the_networks_figure_extends_beyond_six_per_cent_even_if_all_reductions_are_small():
-    found = evaluation(network=0.999, other=0.999)
-    low, high = networks_figure(found).axes[0].get_xlim()
+    result = evaluation(type_1_ratio=0.999, type_2_ratio=0.999)
+    low, high = networks_figure(result).axes[0].get_xlim()
     assert -8.0 < low < -6.0
     assert 6.0 < high < 8.0
 
 
 def test_large_changes_by_networks_do_not_hide_small_ones():
     """The scale is logarithmic beyond 10 %. A network with thirty times the error is outside of the axis."""
-    axes = networks_figure(evaluation(network=30.0, other=0.0001)).axes[0]
+    axes = networks_figure(evaluation(type_1_ratio=30.0, type_2_ratio=0.0001)).axes[0]
     assert axes.get_xscale() == "symlog"
     assert axes.xaxis.get_transform().linthresh == 10.0
     assert axes.get_xlim() == (-400.0, 110.0)
 
 
 def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_delay():
-    found = evaluation()
-    figure = margins_figure(found)
-    errors = {name: centimetres(each).value for name, each in found.flights["high wind"].items()}
+    actual = evaluation()
+    figure = margins_figure(actual)
+    errors = {name: centimetres(each).value for name, each in actual.flights["high wind"].items()}
     expected = [errors["indi@1.6"], errors["indi"], errors["indi@3"]]
     for axes, line, plain in zip(figure.axes, ([1.6, 2.2, 3.0], [62.5, 90.0, 100.0 / 3.0]), (2.2, 90.0), strict=True):
         designs_by_sensitivity, *others = axes.lines
@@ -187,17 +189,17 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
     assert not len(left.yaxis.get_minorticklocs())
     assert left.get_xlim() == (pytest.approx(1.5, abs=0.05), 3.1)
     assert right.get_xlim() == (0.0, 100.0)
-    at, written = ticks(left.yaxis)
-    assert at == [3, 5, 10, 20]
-    assert written == ["3", "5", "10", "20"]
+    positions, labels = ticks(left.yaxis)
+    assert positions == [3, 5, 10, 20]
+    assert labels == ["3", "5", "10", "20"]
 
 
 def test_the_axes_of_the_margins_figure_are_extended_for_designs_beyond_the_usual_limits():
-    found = evaluation()
-    told = found.traits["laboratory"]
-    told["pd"] = told["pd"]._replace(sensitivity=1.2, delay_flown=0.25)
-    told["indi"] = told["indi"]._replace(sensitivity=4.0, delay_flown=np.inf)
-    left, right = margins_figure(found).axes
+    result = evaluation()
+    traits = result.traits["laboratory"]
+    traits["pd"] = traits["pd"]._replace(sensitivity=1.2, delay_flown=0.25)
+    traits["indi"] = traits["indi"]._replace(sensitivity=4.0, delay_flown=np.inf)
+    left, right = margins_figure(result).axes
     assert left.get_xlim()[0] < 1.2
     assert left.get_xlim()[1] > 4.0
     assert right.get_xlim()[1] > 250.0
@@ -206,11 +208,11 @@ def test_the_axes_of_the_margins_figure_are_extended_for_designs_beyond_the_usua
 
 
 def test_the_laps_figure_shows_errors_lap_by_lap():
-    found = evaluation()
-    figure = laps_figure(found, ["pd"])
+    result = evaluation()
+    figure = laps_figure(result, ["pd"])
     (axes,) = figure.axes
     for container, controller in zip(axes.containers, ("pd", "pd_t2fnn_map"), strict=True):
-        means = [centimetres(found.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
+        means = [centimetres(result.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
         curve, _, (bars,) = container
         assert container.get_label() == CONTROLLER_NAMES[controller]
         np.testing.assert_allclose(curve.get_xydata(), [[i, mean.value] for i, mean in enumerate(means, start=1)])

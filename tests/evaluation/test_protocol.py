@@ -35,7 +35,9 @@ def test_every_tuned_parameter_is_a_field_of_the_scenario_with_its_controller(na
     family = FAMILIES[name]
     entries = {
         key: each
-        for key, each in controller_entries(on_board=family.on_board, maps=family.maps).items()
+        for key, each in controller_entries(
+            on_board=family.on_board, position_networks=family.position_networks
+        ).items()
         if each.parameters
     }
     own = {key: each for key, each in entries.items() if each.base != "lqg"}
@@ -95,14 +97,14 @@ def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkey
     folder, family = copied
     path = folder / "controllers" / "designed" / "mine.yaml"
     entries = tunable_entries(family, path, ["pd", "pd_t1fnn"])
-    budget = Budget(rounds=2, candidates=16, samples=2, checks=2, steps=4)
-    made = list(design_family(folder, "mine", family, entries, budget=budget))
-    assert [each.name for each in made] == ["pd", "pd_t1fnn"]
+    budget = Budget(rounds=2, candidates=16, samples=2, limit_evaluations=2, local_search_steps=4)
+    designs = list(design_family(folder, "mine", family, entries, budget=budget))
+    assert [each.name for each in designs] == ["pd", "pd_t1fnn"]
     assert tuple(read_designs(path)) == ("pd", "pd_t1fnn")
     assert list(path.parent.iterdir()) == [path]
-    sizes = EvaluationSizes(samples=3, delayed=2, max_delay_frames=2)
-    (place, name, metrics), (_, _, traits), *_ = fly_family(folder, "mine", family, "pd", sizes)
-    assert (place, name, len(metrics.rmse)) == ("low wind", "pd", 3)
+    sizes = EvaluationSizes(samples=3, num_delay_samples=2, max_delay_frames=2)
+    (laboratory, name, metrics), (_, _, traits), *_ = fly_family(folder, "mine", family, "pd", sizes)
+    assert (laboratory, name, len(metrics.rmse)) == ("low wind", "pd", 3)
     assert (traits.sensitivity, traits.delay) == (2.0, 0.05)
     assert min(traits.fleet, traits.lone) > 0.0
     write_designs(path, {"middle": entries["pd"].geometric_mean()}, comments={})
@@ -116,27 +118,27 @@ def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkey
 def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
     stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
-    found = delay_flown(scenario, EvaluationSizes(delayed=2, max_delay_frames=25))
-    assert 0.0 < found < 0.25
+    result = delay_flown(scenario, EvaluationSizes(num_delay_samples=2, max_delay_frames=25))
+    assert 0.0 < result < 0.25
     frame = scenario.laboratory.motion_capture.period
-    for more, frames in ((False, round(found / frame)), (True, round(found / frame) + 1)):
-        late = [*stiff, f"laboratory.motion_capture.latency_frames={frames}"]
-        again = load_scenario(diagrams / "laboratory.yaml:nominal", late)
-        assert (delay_flown(again, EvaluationSizes(delayed=2, max_delay_frames=0)) < 0.0) is more
+    for crashes, frames in ((False, round(result / frame)), (True, round(result / frame) + 1)):
+        overrides = [*stiff, f"laboratory.motion_capture.latency_frames={frames}"]
+        again = load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
+        assert (delay_flown(again, EvaluationSizes(num_delay_samples=2, max_delay_frames=0)) < 0.0) is crashes
     assert single_vehicle_time(scenario) > 0.0
 
 
 @pytest.mark.long
 def test_laps_are_flown_with_and_without_a_network_with_position_input(diagrams, tmp_path):
     family = FAMILIES["laboratory"]
-    entries = controller_entries(on_board=False, maps=True)
+    entries = controller_entries(on_board=False, position_networks=True)
     (tmp_path / "controllers" / "designed").mkdir(parents=True)
     (tmp_path / "lab.yaml").write_text(f"lab: {{extends: '{diagrams}/laboratory.yaml:high_wind'}}\n", encoding="utf-8")
-    own = {name: entries[name].geometric_mean() for name in ("pd", "pd_t2fnn_map")}
-    write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", own, comments={})
-    place = family._replace(laboratories={"high wind": "lab.yaml"})
-    found = list(fly_laps(tmp_path, "mine", place, ["pd", "pd_t2fnn_map"], QUICK))
-    assert [each[:2] for each in found] == [
+    designs = {name: entries[name].geometric_mean() for name in ("pd", "pd_t2fnn_map")}
+    write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", designs, comments={})
+    own_family = family._replace(laboratories={"high wind": "lab.yaml"})
+    result = list(fly_laps(tmp_path, "mine", own_family, ["pd", "pd_t2fnn_map"], QUICK))
+    assert [each[:2] for each in result] == [
         (laboratory_with_laps(count), name) for name in ("pd", "pd_t2fnn_map") for count in (1, 2)
     ]
-    assert all(len(metrics.rmse) == QUICK.laps for _, _, metrics in found)
+    assert all(len(metrics.rmse) == QUICK.num_lap_samples for _, _, metrics in result)

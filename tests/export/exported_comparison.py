@@ -25,7 +25,7 @@ def commands(scenario, folder, *, precision="double", machine="host", num_steps=
     (name,) = description.outputs
     running = MACHINES[machine](folder)
     state = HostMachine.initial_state(folder, description)
-    rng, expected, found = np.random.default_rng(seed), [], []
+    rng, expected, actual = np.random.default_rng(seed), [], []
     simulator.Initialize()
     for step in range(num_steps):
         values = {
@@ -39,7 +39,7 @@ def commands(scenario, folder, *, precision="double", machine="host", num_steps=
         state, outputs = running.step(state, inputs.tobytes())
         if step % description.output_divisor == 0:
             expected.append(expected_now)
-            found.append(np.frombuffer(outputs, description.number_type).astype(float))
-        # Drake updates the state at the beginning of a step, with these inputs.
+            actual.append(np.frombuffer(outputs, description.number_type).astype(float))
+        # Drake updates the state at the beginning of a step, with the inputs that were just fixed.
         simulator.AdvanceTo((step + 1) * description.period)
-    return np.array(expected), np.array(found)
+    return np.array(expected), np.array(actual)

@@ -1,4 +1,4 @@
-"""Compilation of exported projects with declarations of the published interfaces, and flights with them."""
+"""Builds of exported projects against declarations of the published interfaces, and flights with these builds."""
 
 import ctypes
 import re
@@ -92,7 +92,7 @@ def call(library, seconds, inputs):
 
 
 class Platform(LeafSystem):
-    """Controller that runs in a project. A driver, which replaces the project's platform, calls the project.
+    """System that runs a project's controller. A driver calls the project in place of the project's platform.
 
     Args:
         library: library of the project and the driver, with the driver's function `step`.
@@ -116,7 +116,7 @@ class Platform(LeafSystem):
         if step == self._steps:  # Drake evaluates the output once for each step
             self._steps += 1
             signals = [self.get_input_port(i).Eval(context) for i in range(3)]
-            # The clock of a platform does not show zero at the first step of the controller.
+            # The clock of a real platform is not zero at the first step of the controller.
             self._command = call(self._library, 1.0 + self._period * step, self._encode(*signals))
         output.SetFromVector(self._decode(self._command))
 
@@ -137,10 +137,10 @@ def assert_flight_as_exported(scenario, folder, system, *, unavailable=()):
             outputs[list(unavailable)] = 0.0
             return state, outputs
 
-    expected, found = simulate(scenario, control=Controller()), simulate(scenario, control=system)
+    expected, actual = simulate(scenario, control=Controller()), simulate(scenario, control=system)
     command = next(name for name in ("wrench", "attitude_target") if name in expected)
-    np.testing.assert_allclose(found[command], expected[command], rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found["state"], expected["state"], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(actual[command], expected[command], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(actual["state"], expected["state"], rtol=1e-4, atol=1e-5)
     assert np.ptp(expected[command], axis=0)[:3].min() > 1e-6
 
 

@@ -19,7 +19,7 @@ from drake_quad.exported.system import exported_controller
 from drake_quad.scenario.layouts import rotors_of
 
 ROOT = Path(__file__).parents[2]
-CASES = int(os.environ.get("FUZZ_CASES", 100)) // 100
+NUM_CASES = int(os.environ.get("FUZZ_CASES", 100)) // 100
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 needs_board = pytest.mark.skipif(
     shutil.which(CROSS_COMPILER) is None or shutil.which(EMULATOR) is None, reason="no cross-compiler or no QEMU"
@@ -39,29 +39,29 @@ def asymmetric(name):
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn", "lqg", "lqg_on_board"])
 def test_code_in_double_precision_equals_the_simulation_bit_for_bit(name, tmp_path):
-    expected, found = commands(asymmetric(name), tmp_path)
-    assert (bits(found) == bits(expected)).all()
-    assert np.ptp(found, axis=0).any()
+    expected, actual = commands(asymmetric(name), tmp_path)
+    assert (bits(actual) == bits(expected)).all()
+    assert np.ptp(actual, axis=0).any()
 
 
 @needs_compiler
 @pytest.mark.slow
 def test_code_of_random_controllers_equals_the_simulation_bit_for_bit(tmp_path):
     rng, hover = np.random.default_rng(71), load_scenario("hover").route
-    for number, structure in enumerate(structures(rng, CASES)):
+    for number, structure in enumerate(structures(rng, NUM_CASES)):
         scenario = draw_sample(scenario_of(structure, rng, tmp_path, duration=1.0), 0)
         # Some random vehicles cannot fly their random route, which does not matter for the code.
         scenario = scenario.model_copy(update={"route": hover})
-        expected, found = commands(scenario, tmp_path / str(number), num_steps=20)
-        assert (bits(found) == bits(expected)).all(), structure
+        expected, actual = commands(scenario, tmp_path / str(number), num_steps=20)
+        assert (bits(actual) == bits(expected)).all(), structure
 
 
 @needs_compiler
 @pytest.mark.long
 def test_code_of_a_trained_policy_equals_the_simulation_bit_for_bit(tmp_path):
     scenario = load_scenario("hover", layers=["controllers/raptor:raptor"])
-    expected, found = commands(scenario, tmp_path, num_steps=10)
-    assert (bits(found) == bits(expected)).all()
+    expected, actual = commands(scenario, tmp_path, num_steps=10)
+    assert (bits(actual) == bits(expected)).all()
     _, single = commands(scenario, tmp_path, precision="single", num_steps=10)
     assert single == pytest.approx(expected, rel=1e-3, abs=1e-4)
 
@@ -69,10 +69,10 @@ def test_code_of_a_trained_policy_equals_the_simulation_bit_for_bit(tmp_path):
 @needs_compiler
 @pytest.mark.long
 def test_code_in_single_precision_differs_from_the_simulation_only_by_rounding_errors(tmp_path):
-    expected, found = commands(asymmetric("lqg"), tmp_path, precision="single")
+    expected, actual = commands(asymmetric("lqg"), tmp_path, precision="single")
     largest = np.abs(expected).max(axis=0)
-    assert (np.abs(found - expected) < 1e-5 * largest).all()
-    assert (found != expected).any()
+    assert (np.abs(actual - expected) < 1e-5 * largest).all()
+    assert (actual != expected).any()
 
 
 @needs_compiler
@@ -101,9 +101,9 @@ def test_a_flight_with_exported_code_equals_a_flight_with_the_controller(tmp_pat
     scenario = scenario.model_copy(update={"control": asymmetric("lqg").control})
     export_controller(scenario, tmp_path)
     expected = simulate(scenario)
-    found = simulate(scenario, control=exported_controller(tmp_path)())
+    actual = simulate(scenario, control=exported_controller(tmp_path)())
     for name in ("state", "wrench", "rotor_speed"):
-        assert (bits(found[name]) == bits(expected[name])).all(), name
+        assert (bits(actual[name]) == bits(expected[name])).all(), name
 
 
 @needs_compiler
@@ -111,8 +111,8 @@ def test_a_flight_with_exported_code_equals_a_flight_with_the_controller(tmp_pat
 @pytest.mark.long
 @pytest.mark.parametrize("core", CORES)
 def test_an_emulated_microcontroller_equals_the_simulation_bit_for_bit(core, tmp_path):
-    expected, found = commands(asymmetric("lqg"), tmp_path, machine=f"qemu-{core}", num_steps=8)
-    assert (bits(found) == bits(expected)).all()
+    expected, actual = commands(asymmetric("lqg"), tmp_path, machine=f"qemu-{core}", num_steps=8)
+    assert (bits(actual) == bits(expected)).all()
 
 
 @needs_board
@@ -133,9 +133,9 @@ def test_a_network_of_two_layers_of_64_neurons_takes_less_than_100_kilobytes(tmp
     signals = ["position_error", "velocity_error", "rotation", "body_rates"]
     control = {"kind": "policy", "policy": str(tmp_path / "network.npz"), "action": {"kind": "rotor_speeds"}}
     scenario = load_scenario("hover", {"control": control | {"observation": {"signals": signals}}})
-    expected, found = commands(scenario, tmp_path, num_steps=5)
-    assert (bits(found) == bits(expected)).all()
-    assert np.ptp(found, axis=0).all()
+    expected, actual = commands(scenario, tmp_path, num_steps=5)
+    assert (bits(actual) == bits(expected)).all()
+    assert np.ptp(actual, axis=0).all()
     export_controller(scenario, tmp_path, precision="single")
     num_weights = sum(rows * columns + rows for rows, columns in shapes)
     assert 4 * num_weights < code_size(tmp_path, "cortex-m4f") < 100_000
@@ -193,7 +193,7 @@ def test_a_controller_without_formulas_is_refused_with_the_reason(tmp_path):
 def test_a_scenario_with_a_random_gain_is_refused(tmp_path):
     scenario = load_scenario("hover", ["control.position.k_p=[6, 6, {uniform: {min: 5, max: 7}}]"])
     with pytest.raises(
-        InputError, match=r"control\.position\.k_p.* is a distribution, but exported code contains a number"
+        InputError, match=r"control\.position\.k_p.* is a distribution, but exported code needs a fixed value"
     ):
         export_controller(scenario, tmp_path)
 
@@ -202,8 +202,8 @@ def test_a_scenario_with_a_random_gain_is_refused(tmp_path):
     ("options", "message"),
     [
         ({"precision": "half"}, "precision is 'half'; it must be one of double, single"),
-        ({"name": "my controller"}, "name is 'my controller'; it must be an identifier of C"),
-        ({"name": "double"}, "name is 'double'; it must be an identifier of C"),
+        ({"name": "my controller"}, "name is 'my controller'; it must be a C identifier"),
+        ({"name": "double"}, "name is 'double'; it must be a C identifier"),
     ],
 )
 def test_invalid_options_are_refused(options, message, tmp_path):

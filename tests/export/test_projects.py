@@ -110,21 +110,23 @@ def test_the_crazyflie_project_follows_velocity_setpoints_from_its_current_posit
     measured = np.array([3.0, -2.0, 1.0, 0.1, 0.2, 0.7, 0.3, 0.1, 0.0, 0.0, 0.0, 0.0])
     velocity, yaw = np.array([0.4, -0.2, 0.0]), [0.7, 0.0]
 
-    def inputs(place, velocity):
-        return crazyflie_inputs(measured, np.concatenate([place, velocity, np.zeros(3), yaw]), np.zeros(3))
+    def inputs(position, velocity):
+        return crazyflie_inputs(measured, np.concatenate([position, velocity, np.zeros(3), yaw]), np.zeros(3))
 
     in_world = RotationMatrix(RollPitchYaw([0.0, 0.0, 0.7])).matrix() @ velocity
     expected = {
         name: call(library, 1.0, inputs(measured[:3], each))
         for name, each in {"world": velocity, "body": in_world, "none": 0.0 * velocity}.items()
     }
-    elsewhere = np.array([0.0, 0.0, measured[2]])
+    other_position = np.array([0.0, 0.0, measured[2]])
     library.set_velocity_mode(VELOCITY, False)
-    np.testing.assert_allclose(call(library, 1.02, inputs(elsewhere, velocity)), expected["world"], rtol=1e-5)
+    np.testing.assert_allclose(call(library, 1.02, inputs(other_position, velocity)), expected["world"], rtol=1e-5)
     library.set_velocity_mode(VELOCITY, True)
-    np.testing.assert_allclose(call(library, 1.04, inputs(elsewhere, velocity)), expected["body"], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(
+        call(library, 1.04, inputs(other_position, velocity)), expected["body"], rtol=1e-5, atol=1e-7
+    )
     library.set_velocity_mode(DISABLED, False)
-    np.testing.assert_allclose(call(library, 1.06, inputs(elsewhere, velocity)), expected["none"], rtol=1e-5)
+    np.testing.assert_allclose(call(library, 1.06, inputs(other_position, velocity)), expected["none"], rtol=1e-5)
 
 
 @pytest.mark.skipif(shutil.which(CROSS_COMPILER) is None, reason="no cross-compiler")
@@ -140,11 +142,11 @@ def px4_library(project):
 
 
 def px4_inputs(measured, reference, jerk):
-    """Return the inputs in PX4's frames. Half a turn about x keeps w and x of a quaternion."""
+    """Return the inputs in PX4's frames, which differ by half a turn about x. Quaternions keep their w and x."""
     q = quaternion(measured[3:6]) * np.array([1.0, *HALF_TURN])
     vectors = [measured[:3], measured[6:9], measured[9:], reference[:3], reference[3:6], reference[6:9], jerk]
-    place, velocity, rates, *setpoint = (vector * HALF_TURN for vector in vectors)
-    return np.concatenate([place, velocity, q, rates, *setpoint, -reference[9:11]])
+    position, velocity, rates, *setpoint = (vector * HALF_TURN for vector in vectors)
+    return np.concatenate([position, velocity, q, rates, *setpoint, -reference[9:11]])
 
 
 def px4_start(library, period):
@@ -361,14 +363,16 @@ def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
 def test_the_ros2_project_holds_its_first_position_until_a_reference_arrives(tmp_path):
     _, project = exported(tmp_path, "ros2", WRENCH_WITHOUT_JERK)
     library = ros2_library(project)
-    first, later = (np.array([*place, 0.2, 0.1, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0]) for place in np.eye(3)[:2])
-    place, held = np.array([*first[:3], *[0.0] * 6, first[5], 0.0]), np.zeros(8)
+    first, later = (
+        np.array([*hold_reference, 0.2, 0.1, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0]) for hold_reference in np.eye(3)[:2]
+    )
+    hold_reference, held = np.array([*first[:3], *[0.0] * 6, first[5], 0.0]), np.zeros(8)
     for measured in (first, later):
-        odometry = ros2_inputs(measured, place, None)[:13].copy()
+        odometry = ros2_inputs(measured, hold_reference, None)[:13].copy()
         library.send_odometry(odometry.ctypes.data_as(ctypes.c_void_p))
         library.tick(ctypes.c_uint64(0))
     library.read_command(held.ctypes.data_as(ctypes.c_void_p))
-    np.testing.assert_allclose(call(library, 0.0, ros2_inputs(later, place, None)), held, rtol=1e-6)
+    np.testing.assert_allclose(call(library, 0.0, ros2_inputs(later, hold_reference, None)), held, rtol=1e-6)
 
 
 @needs_compilers
@@ -376,23 +380,25 @@ def test_the_ros2_project_holds_its_first_position_until_a_reference_arrives(tmp
 def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
     scenario, project = exported(tmp_path, "python", ["figure_eight", ONE_SECOND], "double")
     subprocess.run(["make", "--silent"], cwd=project, check=True)
-    mine = module_of(project / "mine.py")
-    controller, inputs = mine.Controller(), mine.Inputs()
-    assert mine.PERIOD == 0.02
+    python_module = module_of(project / "mine.py")
+    controller, inputs = python_module.Controller(), python_module.Inputs()
+    assert python_module.PERIOD == 0.02
 
     class System(LeafSystem):
         def __init__(self):
             super().__init__()
             self._steps = 0
-            for name, _ in mine.Inputs._fields_:
+            for name, _ in python_module.Inputs._fields_:
                 self.DeclareVectorInputPort(name, ctypes.sizeof(getattr(inputs, name)) // 8)
             self.DeclareDiscreteState(1)
             self.DeclareVectorOutputPort("wrench", 4, self._calc)
 
         def _calc(self, context, output):
-            if round(context.get_time() / mine.PERIOD) == self._steps:  # Drake evaluates the output once for each step
+            if (
+                round(context.get_time() / python_module.PERIOD) == self._steps
+            ):  # Drake evaluates the output once for each step
                 self._steps += 1
-                for index, (name, _) in enumerate(mine.Inputs._fields_):
+                for index, (name, _) in enumerate(python_module.Inputs._fields_):
                     signal, values = getattr(inputs, name), self.get_input_port(index).Eval(context)
                     for (field, _), value in zip(signal._fields_, values, strict=True):
                         setattr(signal, field, value)
@@ -401,9 +407,9 @@ def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
             output.SetFromVector([getattr(wrench, field) for field, _ in wrench._fields_])
 
     expected = simulate(scenario, control=exported_controller(tmp_path)())
-    found = simulate(scenario, control=System())
-    for name in found:
-        np.testing.assert_array_equal(found[name], expected[name])
+    actual = simulate(scenario, control=System())
+    for name in actual:
+        np.testing.assert_array_equal(actual[name], expected[name])
 
 
 @needs_compilers
@@ -411,8 +417,8 @@ def test_the_python_project_equals_the_exported_code_bit_for_bit(tmp_path):
 def test_the_python_project_evaluates_the_reference_and_accepts_new_parameters(tmp_path):
     scenario, project = exported(tmp_path, "python", ["figure_eight", ONE_SECOND], "double", reference=True)
     subprocess.run(["make", "--silent"], cwd=project, check=True)
-    mine = module_of(project / "mine.py")
-    first, second, inputs = mine.Controller(), mine.Controller(), mine.Inputs()
+    python_module = module_of(project / "mine.py")
+    first, second, inputs = python_module.Controller(), python_module.Controller(), python_module.Inputs()
     first.set_reference(0.5, inputs)
     reference = simulate(scenario)["reference"][25]
     values = [getattr(inputs.reference, name) for name, _ in inputs.reference._fields_]
@@ -465,7 +471,7 @@ def module_of(path):
 
 @pytest.fixture(scope="module")
 def hover_code(tmp_path_factory):
-    """Exported code for hover in single precision."""
+    """Export code for hover in single precision."""
     scenario = load_scenario("hover")
     export = export_controller(scenario, tmp_path_factory.mktemp("hover"), precision="single", name="mine")
     return ExportedCode(export.description, "", "", (), nominal_parameters(scenario), False)
@@ -477,12 +483,12 @@ SINGLE_PRECISION_PROJECTS = ["crazyflie", "px4", "arduino"]
 @pytest.mark.parametrize(
     ("projects", "changes", "message"),
     [
-        (["crazyflie"], {"name": "controller"}, "needs another --name than controller, which is a header"),
+        (["crazyflie"], {"name": "controller"}, "cannot use the name controller, since a header"),
         (SINGLE_PRECISION_PROJECTS, {"precision": "double"}, "needs --precision single"),
         (["crazyflie"], {"outputs": {"attitude_target": 7}}, "commands wrench, not attitude_target"),
         (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),
-        (["crazyflie"], {"period": 0.0125}, "a period of whole milliseconds, not 0.0125 s"),
-        (["px4", "ros2", "arduino"], {"period": 1.25e-5 / 3}, "a period of whole microseconds"),
+        (["crazyflie"], {"period": 0.0125}, "a period that is a whole number of milliseconds, not 0.0125 s"),
+        (["px4", "ros2", "arduino"], {"period": 1.25e-5 / 3}, "a period that is a whole number of microseconds"),
         (
             ["crazyflie", "px4", "ros2"],
             {"inputs": {"measurement": 12, "gyroscope": 3}},
@@ -503,7 +509,7 @@ def test_an_unknown_project_is_refused(hover_code):
 
 
 def test_project_files_contain_no_placeholder_and_no_condition_of_a_template(hover_code):
-    """Templates contain placeholders such as `@NAME@`, also in conditions. No `#if 0` or `#if 1` is left of these."""
+    """A placeholder is a word such as `@NAME@`. A condition of a template would become `#if 0` or `#if 1`."""
     for project in PROJECTS:
         for path, text in project_files(project, hover_code).items():
             assert not re.search("@[A-Z_0-9]+@|#if !?[01]", path + text), (project, path)
@@ -513,8 +519,8 @@ def test_project_files_contain_no_placeholder_and_no_condition_of_a_template(hov
 
 def test_a_project_contains_only_the_template_lines_that_apply_to_its_code(hover_code):
     module = "src/modules/mine/mine_module.cpp"
-    follows = project_files("px4", hover_code)[module]
-    plays = project_files("px4", hover_code._replace(has_reference=True))[module]
-    assert ("finite_or" in follows, "finite_or" in plays) == (True, False)
-    assert ("mine_reference(" in follows, "mine_reference(" in plays) == (False, True)
+    without_reference = project_files("px4", hover_code)[module]
+    with_reference = project_files("px4", hover_code._replace(has_reference=True))[module]
+    assert ("finite_or" in without_reference, "finite_or" in with_reference) == (True, False)
+    assert ("mine_reference(" in without_reference, "mine_reference(" in with_reference) == (False, True)
     assert "#ifndef BOARD_H" in project_files("arduino", hover_code)["mine_sketch/board.h"]

@@ -70,10 +70,10 @@ def test_periods_that_are_no_multiples_of_each_other_are_refused():
 
 def test_a_system_with_callbacks_instead_of_formulas_is_refused():
     builder = DiagramBuilder()
-    mine = LeafSystem()
-    builder.AddNamedSystem("mine", mine)
-    mine.DeclareVectorOutputPort("total", 1, lambda context, output: None)
-    builder.ExportOutput(mine.get_output_port(), "total")
+    system = LeafSystem()
+    builder.AddNamedSystem("mine", system)
+    system.DeclareVectorOutputPort("total", 1, lambda context, output: None)
+    builder.ExportOutput(system.get_output_port(), "total")
     with pytest.raises(InputError, match="mine .* cannot be exported: only systems that declare formulas"):
         diagram_code(build(builder, "own"), name="own", outputs=["total"], output_period=0.02, precision=DOUBLE)
 

@@ -31,8 +31,7 @@ def simulation_of(scenario, samples, compiled, factors=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_reset_fleet_flies_like_a_new_fleet(scenario, compiled):
-    """After a reset of a compiled diagram, other code computes the initial wind, so results may differ in the last
-    bit."""
+    """After a reset, other code computes the initial wind of a compiled diagram, which may change the last bit."""
     first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):

@@ -82,17 +82,17 @@ def test_the_second_batch_of_a_fleet_flies_like_a_new_fleet(scenario, overrides,
     the first camera frame and the initial wind, and rounds some values differently.
     """
     study = scenario(*overrides, controller=controller)
-    wired, compiled = (
+    uncompiled, compiled = (
         StudyFleet(study, plan_route(study), 3, compiled=False),
         StudyFleet(study, plan_route(study), 3),
     )
     # The fleet is compiled by default, and does not record signals.
-    for fleet, is_compiled in ((wired, False), (compiled, True)):
+    for fleet, is_compiled in ((uncompiled, False), (compiled, True)):
         assert fleet.simulation.compiled == is_compiled
         assert not fleet.simulation._diagram.HasSubsystemNamed("recorder")
     for samples in ([7, 8, 9], [3, 1, 2]):
         expected = new_fleet_metrics(study, Batch.draw(study, samples))
-        for actual, desired in zip(wired.fly(samples), expected, strict=True):
+        for actual, desired in zip(uncompiled.fly(samples), expected, strict=True):
             np.testing.assert_array_equal(actual, desired)
         for actual, desired in zip(compiled.fly(samples), expected, strict=True):
             np.testing.assert_allclose(actual, desired, rtol=1e-12)
@@ -173,32 +173,32 @@ def test_a_context_is_completely_reset_after_a_flight(scenario):
     """The time, all states and the state of a user-defined system equal those of a new fleet."""
     study = scenario(*NETWORK_OVERRIDES)
     plan, batch = plan_route(study), Batch.draw(study, range(2))
-    own = UserSystems(position_controller=high_gain_controller).build(2)
-    diagram = build_fleet_diagram(batch, plan, user_systems=own)
+    user_systems = UserSystems(position_controller=high_gain_controller).build(2)
+    diagram = build_fleet_diagram(batch, plan, user_systems=user_systems)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     simulator.AdvanceTo(0.3)
     pd = subsystem(diagram, ("control", "position", "pd"))
-    of_pd = pd.GetMyMutableContextFromRoot(context)
-    pd.set_parameter(of_pd, "gains", PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0)))
-    reset_fleet(diagram, context, batch, plan, user_systems=own)
-    fresh = diagram.CreateDefaultContext()
+    pd_context = pd.GetMyMutableContextFromRoot(context)
+    pd.set_parameter(pd_context, "gains", PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0)))
+    reset_fleet(diagram, context, batch, plan, user_systems=user_systems)
+    default_context = diagram.CreateDefaultContext()
     assert context.get_time() == 0.0
-    for i in range(fresh.num_discrete_state_groups()):
-        actual, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
+    for i in range(default_context.num_discrete_state_groups()):
+        actual, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, default_context))
         np.testing.assert_array_equal(actual, expected)
-    np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
+    np.testing.assert_array_equal(pd.get_parameter(pd_context, "gains").k_p.z, 6.0)
 
 
 @pytest.mark.long
 def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
     study = scenario(controller="pd")
-    whole = StudyFleet(study, plan_route(study), 70).fly(range(70))
+    metrics = StudyFleet(study, plan_route(study), 70).fly(range(70))
     for size in (1, 7, 64):
         fleet = StudyFleet(study, plan_route(study), size)
         for first in range(0, 70, size)[:3]:
             samples = range(first, min(first + size, 70))
-            for actual, expected in zip(fleet.fly(samples), whole, strict=True):
+            for actual, expected in zip(fleet.fly(samples), metrics, strict=True):
                 np.testing.assert_allclose(actual, expected[first : first + len(samples)], rtol=1e-9)
 
 

@@ -217,7 +217,7 @@ def test_the_mean_of_a_fraction_is_a_fraction_but_the_integral_of_a_fraction_is_
 def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
     @metric("1", over_time="mean", value_range="fraction")
     def fraction_outside(state, reference):
-        """Fraction of the ticks at which the vehicle is more than 2 cm off."""
+        """Fraction of the ticks at which the vehicle is more than 2 cm from its reference."""
         x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z
         return where(x * x + y * y + z * z > 0.02 * 0.02, 1.0, 0.0)
 
@@ -227,9 +227,9 @@ def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
         return state.x - reference.x
 
     metrics = fly_samples(load_scenario("laboratory:low_wind", [additional(fraction_outside={}, drift={})]), range(6))
-    found = metric_mean(metrics, "fraction_outside")
-    assert 0.0 < found.low < found.value < found.high < 1.0
-    assert found == bounded_mean_interval(metrics.fraction_outside)
+    result = metric_mean(metrics, "fraction_outside")
+    assert 0.0 < result.low < result.value < result.high < 1.0
+    assert result == bounded_mean_interval(metrics.fraction_outside)
     assert compare(metrics, metrics, "fraction_outside").ratio.value == 1.0
     assert math.isnan(compare(metrics, metrics, "drift").ratio.value)
 
@@ -411,11 +411,11 @@ def test_a_requirement_with_the_name_of_a_metric_is_refused():
 def test_a_comparison_prefers_the_larger_value_if_larger_is_better():
     scenario = load_scenario("laboratory:low_wind", [additional(tube={"kind": "time_in_tube", "radius": 0.05})])
     metrics = fly_samples(scenario, range(6))
-    worse = metrics._replace(tube=metrics.tube / 2.0)
-    comparison = compare(worse, metrics, "tube")
+    smaller = metrics._replace(tube=metrics.tube / 2.0)
+    comparison = compare(smaller, metrics, "tube")
     assert (comparison.better.value, comparison.num_pairs) == (0.0, 6)
     assert comparison.ratio.value == pytest.approx(0.5)  # defined, because times are not negative
-    assert compare(metrics, worse, "tube").better.value == 1.0
+    assert compare(metrics, smaller, "tube").better.value == 1.0
 
 
 def test_the_page_on_metrics_lists_all_metric_kinds_and_derived_signals(root):

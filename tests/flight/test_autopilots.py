@@ -78,10 +78,10 @@ def test_a_later_batch_has_the_same_results_as_a_first_batch(scenario, kind):
 @for_each_autopilot
 def test_a_flight_with_an_autopilot_starts_in_hover_at_any_heading(scenario, kind):
     """Nothing moves before the first packet, since the initial target has the heading of the hovering vehicle."""
-    still = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
+    overrides = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
     route = "route={kind: hover, position: [1, 2, 1], yaw: 2.5, duration: 0.05}"
     bias = {"attitude": "laboratory.autopilot={gyroscope_bias: [0, 0, 0], gyroscope_noise: 0, attitude_noise: 0}"}
-    flight = simulate(scenario(kind, *still, route, bias.get(kind, "vehicle.battery_sag=0")), sample=0)
+    flight = simulate(scenario(kind, *overrides, route, bias.get(kind, "vehicle.battery_sag=0")), sample=0)
     np.testing.assert_allclose(flight["state"] - flight["state"][0], 0.0, atol=1e-12)
     np.testing.assert_array_equal(flight["wrench"], np.tile([0.68 * 9.81, 0.0, 0.0, 0.0], (len(flight.time), 1)))
 

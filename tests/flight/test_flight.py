@@ -320,23 +320,25 @@ def test_a_user_defined_wind_may_be_a_leaf_system_or_a_fleet_system(diagrams):
 def test_forces_on_a_continuous_state_jump_at_the_exact_instant(diagrams):
     """A rotor fails between two ticks, and a vehicle drops its load between two ticks."""
     instant = 0.287654321
-    still = ["vehicle.time_step=0", "duration=0.4", "crash.tilt=null"]
-    failing = load_scenario(diagrams / "hover.yaml", [*still, f"vehicle.rotor_failure={{rotor: 2, time: {instant}}}"])
+    base_overrides = ["vehicle.time_step=0", "duration=0.4", "crash.tilt=null"]
+    failing = load_scenario(
+        diagrams / "hover.yaml", [*base_overrides, f"vehicle.rotor_failure={{rotor: 2, time: {instant}}}"]
+    )
     flight = simulate(failing)
     coasting = np.exp(-np.maximum(flight.time - instant, 0.0) / failing.vehicle.rotor_time_constant)
     speed = flight["rotor_speed"]
     np.testing.assert_allclose(speed[:, 1], speed[0, 1] * coasting, rtol=1e-7)
     np.testing.assert_allclose(speed[:, 0][flight.time <= instant], speed[0, 0], rtol=1e-12)
 
-    idle = ["control.position={k_p: [0, 0, 0], k_d: [0, 0, 0]}", "vehicle.rotor_time_constant=0.005"]
+    idle_overrides = ["control.position={k_p: [0, 0, 0], k_d: [0, 0, 0]}", "vehicle.rotor_time_constant=0.005"]
     drop = f"vehicle.payload={{mass: 0.1, time: {instant}, event: dropped}}"
-    dropping = load_scenario(diagrams / "hover.yaml", [*still, *idle, drop])
+    dropping = load_scenario(diagrams / "hover.yaml", [*base_overrides, *idle_overrides, drop])
     flight = simulate(dropping)
-    climb = flight["state"][:, 8]
+    climb_rate = flight["state"][:, 8]
     mass = dropping.vehicle.mass
     after = flight.time > instant
-    sinking = -0.1 * dropping.vehicle.gravity / (mass + 0.1) * (instant - flight.time[~after][-1])
-    np.testing.assert_allclose(climb[after], climb[~after][-1] + sinking, atol=1e-7)
-    assert climb[-1] < -0.2
+    rate_change = -0.1 * dropping.vehicle.gravity / (mass + 0.1) * (instant - flight.time[~after][-1])
+    np.testing.assert_allclose(climb_rate[after], climb_rate[~after][-1] + rate_change, atol=1e-7)
+    assert climb_rate[-1] < -0.2
     (sensitivity,) = flight_sensitivities(dropping, ["vehicle.mass"]).gradients["rmse"]
     assert np.isfinite(sensitivity)

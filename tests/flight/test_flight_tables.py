@@ -60,19 +60,19 @@ def test_the_message_about_missing_pandas_names_the_extra_that_installs_it(fligh
 
 @pytest.mark.parametrize("file", ["", "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"])
 def test_a_saved_flight_is_read_back_unchanged(flight, folder, file):
-    again = read_flight(folder / file)
-    assert (again.scenario, again.metrics, again.compiled) == (flight.scenario, flight.metrics, True)
-    np.testing.assert_array_equal(again.time, flight.time)
-    assert [*again] == [*flight]
+    read_back = read_flight(folder / file)
+    assert (read_back.scenario, read_back.metrics, read_back.compiled) == (flight.scenario, flight.metrics, True)
+    np.testing.assert_array_equal(read_back.time, flight.time)
+    assert [*read_back] == [*flight]
     for name in flight:
-        np.testing.assert_array_equal(again[name], flight[name])
+        np.testing.assert_array_equal(read_back[name], flight[name])
     for part in ("path", "yaw"):
-        for own, other in zip(getattr(again.plan, part), getattr(flight.plan, part), strict=True):
-            np.testing.assert_array_equal(own, other)
-    assert (again.plan.legs, again.plan.laps) == (flight.plan.legs, flight.plan.laps)
-    assert len(again.plan.laps) == 3
-    assert again.plan.legs
-    assert repr(again) == repr(flight)
+        for actual, expected in zip(getattr(read_back.plan, part), getattr(flight.plan, part), strict=True):
+            np.testing.assert_array_equal(actual, expected)
+    assert (read_back.plan.legs, read_back.plan.laps) == (flight.plan.legs, flight.plan.laps)
+    assert len(read_back.plan.laps) == 3
+    assert read_back.plan.legs
+    assert repr(read_back) == repr(flight)
 
 
 def test_a_saved_flight_that_crashed_is_read_back(diagrams, tmp_path):

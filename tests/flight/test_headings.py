@@ -94,8 +94,7 @@ def rotated(states, angle):
 
 @pytest.mark.long
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
-    """Rotations by other angles would change the flight, since gains on X and Y may differ and networks act on each
-    axis.
+    """Other rotations would change the flight, since gains on X and Y may differ and networks act on each axis.
 
     If several controllers differ only in their gains, only one of them is flown.
     """

@@ -83,8 +83,8 @@ def test_the_hover_error_is_the_root_mean_square_of_recorded_position_errors():
     error = hover_error(in_laboratory(layer), seed=7)
     flights = simulate_samples(hovering(layer, 0, HOVER_TIME), range(error.num_hovers), compiled=True)
     offset = np.array([[flight.record("state")[i] - (0, 0, 1)[i] for i in range(3)] for flight in flights])
-    late = offset[:, :, flights[0].time >= SETTLING_TIME]
-    np.testing.assert_allclose(axis_errors(error), np.sqrt(np.mean(late**2, axis=(0, 2))), rtol=1e-9)
+    settled_offset = offset[:, :, flights[0].time >= SETTLING_TIME]
+    np.testing.assert_allclose(axis_errors(error), np.sqrt(np.mean(settled_offset**2, axis=(0, 2))), rtol=1e-9)
     assert error.rms.value == pytest.approx(np.sqrt(np.sum(axis_errors(error) ** 2)))
     assert error.rms.low < error.rms.value < error.rms.high
 
@@ -150,8 +150,8 @@ def stub_errors(monkeypatch):
             def fly(self, samples):
                 flown_samples.extend(samples)
                 x, y, z = (error(axis, np.array(samples)) for axis in AXES)
-                whole = np.sqrt(x**2 + y**2 + z**2)
-                metrics = Metrics(*[whole] * (len(Metrics._fields) - 1), np.full(len(samples), np.inf))
+                distance = np.sqrt(x**2 + y**2 + z**2)
+                metrics = Metrics(*[distance] * (len(Metrics._fields) - 1), np.full(len(samples), np.inf))
                 return metrics._replace(rmse_x=x, rmse_y=y, rmse_z=z)
 
         monkeypatch.setattr(hover_error_module, "StudyFleet", Fleet)
@@ -215,8 +215,8 @@ def test_the_nominal_tracking_error_is_the_error_of_the_nominal_vehicle_in_the_s
     layer = [f"{DESIGNED_CONTROLLER}:pd"]
     predicted = error()
     assert error("vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.centre_of_mass=[0.01, 0.0]") == predicted
-    still = error("laboratory.wind=[]")
-    assert still.high < 0.4 * predicted.value
+    without_wind = error("laboratory.wind=[]")
+    assert without_wind.high < 0.4 * predicted.value
     # The jets of the fans are negligible at (0, 0, 1).
     hover = hover_error(load_scenario("laboratory:low_wind", layers=layer)).rms
     assert hover.high < 0.9 * predicted.value
@@ -228,7 +228,7 @@ def test_the_nominal_tracking_error_is_the_error_of_the_nominal_vehicle_in_the_s
         (
             "laboratory:nominal",
             ["laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"],
-            r"wind\.0 is a gust, which depends on time; the error can be predicted only",
+            r"wind\.0 is a gust, which depends on time; the tracking error can be predicted only",
         ),
         ("robustness", [], r"laboratory\.wind\.4 is a gust"),
         (

@@ -43,8 +43,8 @@ def test_a_flight_begins_in_the_initial_state(frame, compiled):
 
 
 def test_a_thrown_vehicle_falls_freely_while_its_rotors_stand_still():
-    still = {"velocity": [1.0, 0.0, 3.0], "rotor_speeds": [0.0, 0.0, 0.0, 0.0]}
-    scenario = started(still, **{"vehicle.rotor_time_constant": 1000.0, "duration": 0.5})
+    initial_state = {"velocity": [1.0, 0.0, 3.0], "rotor_speeds": [0.0, 0.0, 0.0, 0.0]}
+    scenario = started(initial_state, **{"vehicle.rotor_time_constant": 1000.0, "duration": 0.5})
     flight = simulate(scenario)
     time, state = flight.time, flight["state"]
     assert state[:, 0] == pytest.approx(1.0 + time, abs=1e-3)
@@ -82,8 +82,8 @@ def test_a_vehicle_with_an_identified_attitude_response_has_its_initial_body_rat
 
 
 def test_linear_models_apply_to_hover_and_not_to_the_initial_state():
-    upset, hovering = started(INITIAL_STATE), started({})
-    assert np.array_equal(closed_loop(upset).system.A, closed_loop(hovering).system.A)
+    thrown, hovering = started(INITIAL_STATE), started({})
+    assert np.array_equal(closed_loop(thrown).system.A, closed_loop(hovering).system.A)
 
 
 def test_the_overshoot_is_the_largest_error_opposite_to_the_initial_error():
@@ -111,20 +111,20 @@ def test_invalid_initial_states_are_refused(initial, message):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "words"),
+    ("overrides", "remark"),
     [
         ({"crash.height": 1.0}, "crash.height is 1 m, but the reference flies as low as 1 m"),
         ({"initial.attitude": [1.5, 0.0, 0.0]}, "initial.attitude is a tilt of 1.5 rad, but crash.tilt is 1.4 rad"),
     ],
 )
-def test_a_flight_that_crashes_at_its_beginning_is_remarked(overrides, words):
-    (sentence,) = flight_remarks(load_scenario("hover", overrides))
-    assert words in sentence
+def test_a_remark_warns_of_a_crash_at_the_beginning_of_a_flight(overrides, remark):
+    (actual,) = flight_remarks(load_scenario("hover", overrides))
+    assert remark in actual
     assert not flight_remarks(load_scenario("hover"))
 
 
-def test_a_thrown_vehicle_with_the_route_of_a_laboratory_is_remarked(tmp_path):
-    """`upset` counts a vehicle at height 0 as crashed, and the route of the laboratory begins there."""
+def test_a_remark_warns_if_a_thrown_vehicle_has_the_route_of_a_laboratory(tmp_path):
+    """The scenario `upset` counts a vehicle at height 0 as crashed, and the route of the laboratory begins there."""
     path = tmp_path / "mixed.yaml"
     path.write_text("mixed: {extends: [upset, laboratory:nominal]}\n")
     assert any("crash.height is 0 m" in sentence for sentence in flight_remarks(load_scenario(path)))

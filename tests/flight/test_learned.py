@@ -44,10 +44,12 @@ def test_learned_fuzzy_sets_are_used_even_if_a_flight_only_adapts_the_weights(as
     """The first corrections are the same whether or not the flight adapts the fuzzy sets further."""
     file = save_network(simulated_flight(asymmetric, FEW_RULES, ADAPTIVE_SETS), tmp_path / "learned.yaml")
     learned = f"control.network.learned={file}"
-    fixed, free = (simulated_flight(asymmetric, FEW_RULES, learned, *more) for more in ([], [ADAPTIVE_SETS]))
-    np.testing.assert_array_equal(fixed["correction"][:2], free["correction"][:2])
-    assert np.abs(fixed["correction"][1]).min() > 0.0
-    assert "antecedents" not in fixed.signals
+    constant_sets, adaptive_sets = (
+        simulated_flight(asymmetric, FEW_RULES, learned, *overrides) for overrides in ([], [ADAPTIVE_SETS])
+    )
+    np.testing.assert_array_equal(constant_sets["correction"][:2], adaptive_sets["correction"][:2])
+    assert np.abs(constant_sets["correction"][1]).min() > 0.0
+    assert "antecedents" not in constant_sets.signals
 
 
 @pytest.mark.long
@@ -70,7 +72,7 @@ EQUAL_WEIGHTS = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (MATCHING_HEADER.replace("4", "3") + EQUAL_WEIGHTS, r"weights is .*, but must have 9 numbers"),
         (
@@ -99,8 +101,8 @@ EQUAL_WEIGHTS = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz
         (MATCHING_HEADER + EQUAL_WEIGHTS + "colour: red", "colour is unknown"),
     ],
 )
-def test_a_file_that_does_not_match_the_network_is_refused(asymmetric, tmp_path, text, words):
-    with pytest.raises(InputError, match=words) as caught:
+def test_a_file_that_does_not_match_the_network_is_refused(asymmetric, tmp_path, text, message):
+    with pytest.raises(InputError, match=message) as caught:
         asymmetric("pd_t2fnn", f"control.network.learned={learned_file(tmp_path, text)}")
     assert "\n" not in str(caught.value)
 
@@ -138,10 +140,10 @@ def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
     """A flight in which a user's system replaces the network has no network either."""
     short = ("duration=0.1", "metrics.start=0")
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
-    own = build_position_controller(ProportionalDerivative(num_vehicles=1, parameters=gains))
+    position_controller = build_position_controller(ProportionalDerivative(num_vehicles=1, parameters=gains))
     for flight in (
         simulate(asymmetric("pid", *short), sample=0),
-        simulate(asymmetric("pd_t2fnn", *short), sample=0, position_controller=own),
+        simulate(asymmetric("pd_t2fnn", *short), sample=0, position_controller=position_controller),
     ):
         with pytest.raises(InputError, match="has no network"):
             save_network(flight, tmp_path / "learned.yaml")

@@ -61,8 +61,8 @@ def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine
 
 @pytest.mark.long
 def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
-    late = "laboratory.motion_capture.latency_frames=5", "duration=8"
-    assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *late)) < 0.06
+    overrides = "laboratory.motion_capture.latency_frames=5", "duration=8"
+    assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *overrides)) < 0.06
 
 
 @pytest.mark.long
@@ -142,23 +142,23 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
 
 @pytest.mark.long
 def test_a_network_can_be_combined_with_the_regulator():
-    """The network learns from the feedback, which includes the estimated disturbance, in compiled and wired flights."""
+    """The network learns from the feedback, which includes the estimated disturbance."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"
         " z: {scale: 2, centres: [-1, 1], widths: [2, 2]}}, lead: 0.1,"
         " learning: {kind: gradient, signal: feedback, rate: 2}}"
     )
     scenario = scenario_of("laboratory.yaml:high_wind", network, "duration=4")
-    wired, compiled = (simulate(scenario, compiled=how) for how in (False, True))
-    assert np.abs(wired["correction"]).max() > 0.05
-    np.testing.assert_allclose(compiled["correction"], wired["correction"], atol=1e-9)
-    np.testing.assert_allclose(compiled["state"], wired["state"], atol=1e-9)
+    uncompiled, compiled = (simulate(scenario, compiled=is_compiled) for is_compiled in (False, True))
+    assert np.abs(uncompiled["correction"]).max() > 0.05
+    np.testing.assert_allclose(compiled["correction"], uncompiled["correction"], atol=1e-9)
+    np.testing.assert_allclose(compiled["state"], uncompiled["state"], atol=1e-9)
 
 
 def test_a_position_controller_cannot_replace_the_regulator():
     gains = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))
-    own = build_position_controller(ProportionalDerivative(parameters=gains))
+    position_controller = build_position_controller(ProportionalDerivative(parameters=gains))
     with pytest.raises(
         InputError, match="control of nominal is of kind lqg, which has no position_controller to replace"
     ):
-        build_tracking_diagram(scenario_of("laboratory.yaml:nominal"), position_controller=own)
+        build_tracking_diagram(scenario_of("laboratory.yaml:nominal"), position_controller=position_controller)

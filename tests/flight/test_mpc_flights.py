@@ -29,7 +29,7 @@ def as_lqg(scenario):
 
 @pytest.mark.long
 def test_mpc_equals_the_regulator_far_from_limits():
-    """The flight is the first half of the eight in the wind of the fans, with the shipped LQG design."""
+    """The flight is the first half of the figure eight in the wind of the fans, with the shipped LQG design."""
     mpc = load(f"{MPC}:mpc", "duration=8", wind="high_wind")
     flight, expected = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
     assert np.abs(expected["disturbance"]).max() > 0.3

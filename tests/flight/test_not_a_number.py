@@ -59,7 +59,8 @@ def nan_after_failure(time):
     return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
-# Scenario, part of the loop that the user's system replaces, and signal and component that become non-finite.
+# Each case has a scenario, the part of the loop that a user-defined system replaces, and the signal and the component
+# that become non-finite.
 FAILING_OUTPUTS = [
     ("hover", "position_controller", "acceleration_command", "y"),
     ("hover", "control", "wrench", "tau_x"),
@@ -71,20 +72,20 @@ FAILING_OUTPUTS = [
 @pytest.mark.long
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (np.inf, "infinite")])
-@pytest.mark.parametrize(("spec", "place", "signal", "row"), FAILING_OUTPUTS)
-def test_the_report_names_the_non_finite_output_of_a_user_system(spec, place, signal, row, value, word, compiled):
+@pytest.mark.parametrize(("spec", "part", "signal", "row"), FAILING_OUTPUTS)
+def test_the_report_names_the_non_finite_output_of_a_user_system(spec, part, signal, row, value, word, compiled):
     scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
-    flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
+    flight = simulate(scenario, **{part: Broken(signal, value)}, compiled=compiled)
     # Wind affects the state only at the next tick, at which the monitor reads the state.
     crash_time = FAILURE_TIME if signal != "wind" else FAILURE_TIME + 0.02
     assert flight.metrics.crash_time == pytest.approx(crash_time)
-    assert flight.cause == f"{place} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"
+    assert flight.cause == f"{part} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"
     assert f"crashed at {crash_time:.2f} s, since {flight.cause}" in repr(flight)
     assert flight.time[-1] < crash_time
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
-# First non-finite tick of each signal, names of the user's systems, and the expected cause.
+# Each case has the first non-finite tick of each signal, the names of user-defined systems, and the expected cause.
 FIRST_CAUSES = [
     ({"acceleration_command": 3, "wrench": 2}, (), "tau_x of `wrench` was nan at 0.04 s"),
     ({"wrench": 2, "acceleration_command": 2}, (), "y of `acceleration_command` was nan at 0.04 s"),
@@ -119,11 +120,11 @@ def test_the_cause_of_a_crash_is_the_signal_that_was_non_finite_first(failures, 
 @pytest.mark.parametrize("wrench", [False, True])
 def test_interpreted_and_compiled_formulas_report_the_same_cause(wrench):
     scenario = load_scenario("hover", ["duration=0.6"])
-    place = "control" if wrench else "position_controller"
-    flights = [simulate(scenario, **{place: BrokenFormula(wrench=wrench)}, compiled=each) for each in (False, True)]
+    part = "control" if wrench else "position_controller"
+    flights = [simulate(scenario, **{part: BrokenFormula(wrench=wrench)}, compiled=each) for each in (False, True)]
     causes = {flight.cause for flight in flights}
     assert len(causes) == 1
-    assert re.fullmatch(rf"{place} returned nan in \w+ of `\w+` at {FAILURE_TIME:.2f} s", causes.pop())
+    assert re.fullmatch(rf"{part} returned nan in \w+ of `\w+` at {FAILURE_TIME:.2f} s", causes.pop())
 
 
 @pytest.mark.slow
@@ -158,10 +159,10 @@ def make_sound(num_vehicles):
 @pytest.mark.slow
 def test_a_study_warns_of_non_finite_numbers_and_counts_crashes():
     scenario = load_scenario("hover", ["duration=0.6"])
-    words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights with such"
-    # Forked workers would warn about the threads of other tests.
+    message = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights with such"
+    # The study runs in a thread, because forked worker processes would warn about threads that other tests started.
     thread = ThreadPoolExecutor(1)
-    with pytest.warns(UserWarning, match=words):
+    with pytest.warns(UserWarning, match=message):
         study = run_monte_carlo(scenario, 2, executor=thread, position_controller=make_broken)
     assert study.metrics.crash_time == pytest.approx([FAILURE_TIME, FAILURE_TIME])
     assert np.isfinite(np.array(study.metrics)).all()

@@ -25,12 +25,12 @@ def with_policy(scenario, arrays, folder, **control):
     np.savez(folder / "net.npz", **arrays)
     fields = {"kind": "policy", "policy": str(folder / "net.npz"), **control}
     names = ("attitude", "thrust_vectoring")
-    kept = {name: getattr(scenario.control, name).model_dump(mode="json") for name in names}
+    other_parts = {name: getattr(scenario.control, name).model_dump(mode="json") for name in names}
     if control["action"]["kind"] == "rotor_speeds":
-        del kept["attitude"]
+        del other_parts["attitude"]
     path = folder / "scenario.yaml"
     save_scenario(scenario, path)
-    return load_scenario(path, {"control": {**kept, **fields}})
+    return load_scenario(path, {"control": {**other_parts, **fields}})
 
 
 @pytest.fixture
@@ -128,8 +128,8 @@ def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
     assert abs(state.roll[-1]) > 0.2
     # The same autopilot can also track attitudes.
     level = environment_scenario(load_scenario("onboard", {"duration": 0.6}), action="attitude")
-    lean = simulate(level, policy=action_source(actions, 0.02)).record("state")
-    np.testing.assert_allclose([lean.roll[-1], lean.pitch[-1]], [0.06, -0.03], atol=0.02)
+    tilting_flight = simulate(level, policy=action_source(actions, 0.02)).record("state")
+    np.testing.assert_allclose([tilting_flight.roll[-1], tilting_flight.pitch[-1]], [0.06, -0.03], atol=0.02)
 
 
 def test_body_rates_are_tracked_by_the_ground_station():
@@ -158,7 +158,7 @@ def test_raptor_has_the_same_actions_as_the_package_foundation_policy(raptor):
 
 
 def test_raptor_flies_as_in_the_simulator_in_which_it_was_trained(root):
-    """The recorded flight in tests/data/raptor is the return of a Crazyflie from an offset."""
+    """In the recorded flight in tests/data/raptor, a Crazyflie returns to its setpoint from an initial offset."""
     with (root / "tests/data/raptor/l2f.csv").open(encoding="utf-8") as file:
         expected = np.array([[float(cell) for cell in row.values()] for row in csv.DictReader(file)])
     vehicle = {
@@ -181,14 +181,14 @@ def test_raptor_flies_as_in_the_simulator_in_which_it_was_trained(root):
         system.set_state(context, "state", state._replace(x=0.3, y=-0.2, z=0.1))
 
     flight = simulate(scenario, plan=Plan.hover([0.0, 0.0, 0.0], duration=3.0), prepare=prepare, until=2.9)
-    ours = flight["state"][::10]
-    assert len(ours) == len(expected) == 30
+    actual = flight["state"][::10]
+    assert len(actual) == len(expected) == 30
     # The training simulator uses single precision, and the table has seven digits.
-    np.testing.assert_allclose(ours[:, :3], expected[:, 1:4], atol=2e-6)
-    np.testing.assert_allclose(ours[:, 6:9], expected[:, 13:16], atol=5e-6)
-    np.testing.assert_allclose(ours[:, 9:12], expected[:, 16:19], atol=5e-5)
+    np.testing.assert_allclose(actual[:, :3], expected[:, 1:4], atol=2e-6)
+    np.testing.assert_allclose(actual[:, 6:9], expected[:, 13:16], atol=5e-6)
+    np.testing.assert_allclose(actual[:, 9:12], expected[:, 16:19], atol=5e-5)
     np.testing.assert_allclose(flight["action"][::10].clip(-1.0, 1.0), expected[:, 19:], atol=2e-5)
-    assert np.linalg.norm(ours[-1, :3]) < 0.1 < np.linalg.norm(ours[0, :3])
+    assert np.linalg.norm(actual[-1, :3]) < 0.1 < np.linalg.norm(actual[0, :3])
 
 
 @pytest.mark.parametrize(
@@ -260,8 +260,8 @@ def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
 
     hover = load_scenario("figure_eight", {"duration": 2.0})
     task = environment_scenario(hover, observation={"signals": ["position_error", "velocity_error"]})
-    wired, compiled = (simulate(task, policy=PlainPolicy(), compiled=compiled) for compiled in (False, True))
-    assert_flights_alike(compiled, wired)
+    uncompiled, compiled = (simulate(task, policy=PlainPolicy(), compiled=compiled) for compiled in (False, True))
+    assert_flights_alike(compiled, uncompiled)
     arrays = {"weights_0": np.hstack([0.1 * np.eye(3), 0.05 * np.eye(3)]), "biases_0": np.zeros(3)}
     network = with_policy(
         hover,
@@ -270,4 +270,4 @@ def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
         action={"kind": "acceleration"},
         observation={"signals": ["position_error", "velocity_error"]},
     )
-    np.testing.assert_allclose(simulate(network)["state"], wired["state"], atol=1e-9)
+    np.testing.assert_allclose(simulate(network)["state"], uncompiled["state"], atol=1e-9)

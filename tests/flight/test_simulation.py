@@ -35,16 +35,16 @@ def test_a_scenario_is_flown_with_its_own_sample_and_seed_by_default(diagrams):
 
 def test_a_flight_that_stops_early_has_the_signals_of_the_whole_flight_until_then(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.2"])
-    whole, part = simulate(scenario), simulate(scenario, until=0.1)
-    np.testing.assert_array_equal(part.time, whole.time[:6])
-    np.testing.assert_array_equal(part["state"], whole["state"][:6])
-    assert simulate(scenario, until=0.2).time[-1] == whole.time[-1]
+    complete, partial = simulate(scenario), simulate(scenario, until=0.1)
+    np.testing.assert_array_equal(partial.time, complete.time[:6])
+    np.testing.assert_array_equal(partial["state"], complete["state"][:6])
+    assert simulate(scenario, until=0.2).time[-1] == complete.time[-1]
     for until in (-0.1, 0.0, 0.3):
         with pytest.raises(InputError, match=f"until is {until}, but must be larger than 0 and at most .*, 0.2 s"):
             simulate(scenario, until=until)
 
 
-def test_an_error_in_a_users_system_is_not_hidden(diagrams):
+def test_an_error_in_a_user_defined_system_is_not_hidden(diagrams):
     class Failing(LeafSystem):
         def __init__(self):
             super().__init__()

@@ -142,11 +142,11 @@ def test_elementary_functions_are_bitwise_equal_to_the_machine_code(name, tmp_pa
     count = 4000
     rows = rng.normal(size=(num_rows, count)) * 10.0 ** rng.uniform(-8.0, 2.5, count)
     rows[:, :8] = [0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 0.5]
-    found, expected = np.empty(count), np.empty(count)
-    library.run(count, rows.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
+    actual, expected = np.empty(count), np.empty(count)
+    library.run(count, rows.ctypes.data_as(ctypes.c_void_p), actual.ctypes.data_as(ctypes.c_void_p))
     machine_code = kernel(formula, (ROW,) * num_rows, (ROW,), single_vehicle=False)
     machine_code(count, 0.0, expected, *np.ascontiguousarray(rows))
-    same = (found.view(np.uint64) == expected.view(np.uint64)) | (np.isnan(found) & np.isnan(expected))
+    same = (actual.view(np.uint64) == expected.view(np.uint64)) | (np.isnan(actual) & np.isnan(expected))
     assert same.all(), rows[:, ~same]
 
 
@@ -163,10 +163,12 @@ def test_multiply_add_rounds_once_even_without_a_processor_instruction_for_it(tm
     x, y, z = rng.normal(size=(3, count)) * 2.0 ** rng.integers(-40, 40, (3, count))
     third = count // 3
     z[:third] = -x[:third] * y[:third]  # `multiply_add` then returns the rounding error of the product
-    x[third : 2 * third] = rng.integers(-(2**27), 2**27, third)  # products with few digits give ties
+    x[third : 2 * third] = rng.integers(
+        -(2**27), 2**27, third
+    )  # products with few digits, which cause ties in rounding
     y[third : 2 * third] = rng.integers(-(2**27), 2**27, third)
     z[third : 2 * third] = rng.integers(-(2**53), 2**53, third) * 2.0 ** rng.integers(-60, 60, third)
-    found = np.empty(count)
-    library.run(count, *(each.ctypes.data_as(ctypes.c_void_p) for each in (x, y, z, found)))
+    actual = np.empty(count)
+    library.run(count, *(each.ctypes.data_as(ctypes.c_void_p) for each in (x, y, z, actual)))
     expected = [float(Fraction(a) * Fraction(b) + Fraction(c)) for a, b, c in zip(x, y, z)]
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(actual, expected)

@@ -147,7 +147,9 @@ def test_a_relative_path_is_not_used_as_folder(variables, expected, monkeypatch,
     assert code_cache.cache_folder() == (None if expected is None else Path(expected))
     remarks = [record.message for record in caplog.records]
     assert len(remarks) == (variables.get("DRAKE_QUAD_CACHE") == "here")
-    assert not remarks or remarks[0].startswith("DRAKE_QUAD_CACHE is 'here', so machine code is not cached")
+    assert not remarks or remarks[0].startswith(
+        "DRAKE_QUAD_CACHE is 'here', so machine code and results are not cached"
+    )
 
 
 def test_the_least_recently_used_file_is_deleted_first(folder):
@@ -239,7 +241,7 @@ def test_a_module_is_generated_only_if_its_machine_code_is_not_cached(folder, mo
 def test_a_module_is_generated_again_if_the_generator_has_changed_or_is_unknown(folder, monkeypatch, generator):
     monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
     assert run_generated("same", 2_001) == (2_001, 1)
-    monkeypatch.setattr(machine_code, "_GENERATOR", generator)
+    monkeypatch.setattr(machine_code, "_GENERATOR_DIGEST", generator)
     assert run_generated("same", 2_002) == (2_002, 1)
 
 

@@ -52,7 +52,7 @@ def test_log1p_is_accurate_and_has_derivatives():
 
 
 def test_a_length_that_remains_zero_has_zero_derivatives():
-    """At 0, the derivative of the square root is infinite; derivatives of 0 remain 0."""
+    """The derivative of the square root is infinite at 0. It must not turn derivatives of 0 into NaN."""
     x, y = AutoDiffXd(0.0, [0.0, 1.0]), AutoDiffXd(0.09, [0.0, 0.3])
     for actual in ([elementary.sqrt(x), elementary.sqrt(y)], elementary.sqrt(np.array([x, y]))):
         np.testing.assert_allclose([each.value() for each in actual], [0.0, 0.3])

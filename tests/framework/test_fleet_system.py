@@ -33,13 +33,13 @@ class Signals(NamedTuple):
     pd: Acceleration
 
 
-class Coin(NamedTuple):
-    coin: Row
+class Uniform(NamedTuple):
+    value: Row
 
 
 def law(error, wind, gains, sign):
-    push = wind if wind is not None else Wind(0.0, 0.0, 0.0)
-    x, y, z = (sign * gains.k_p * e + o + w for e, o, w in zip(error, gains.offset, push, strict=True))
+    wind_or_zero = wind if wind is not None else Wind(0.0, 0.0, 0.0)
+    x, y, z = (sign * gains.k_p * e + o + w for e, o, w in zip(error, gains.offset, wind_or_zero, strict=True))
     return Signals(error, Acceleration(x, y, z))
 
 
@@ -78,13 +78,13 @@ class Falling(FleetSystem):
     """System with a continuous state."""
 
     def declare(self, *, parameters=Numbers()):
-        place = self.continuous_state(lambda parameters: PositionError(parameters.start, 1.0, 2.0))
+        error = self.continuous_state(lambda parameters: PositionError(parameters.start, 1.0, 2.0))
         self.derivative(
-            lambda place, gains: PositionError(*(-gains.k_p * x for x in place)),
-            place,
+            lambda error, gains: PositionError(*(-gains.k_p * x for x in error)),
+            error,
             self.parameter("gains", lambda n: n.gains),
         )
-        self.output("error", lambda place: place, place)
+        self.output("error", lambda error: error, error)
 
 
 @pytest.mark.parametrize("n", [1, 3, 11])
@@ -196,16 +196,16 @@ def test_a_packed_output_is_split_into_its_signals():
 def test_a_reset_recomputes_parameters_and_states(n):
     rows = np.arange(1.0, n + 1.0) if n > 1 else 1.0
     parameters = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
-    fresh, used = Example(num_vehicles=n, parameters=parameters), Example(num_vehicles=n)
-    expected, context = fresh.CreateDefaultContext(), used.CreateDefaultContext()
-    used.reset(context, parameters)
+    new, reset = Example(num_vehicles=n, parameters=parameters), Example(num_vehicles=n)
+    expected, context = new.CreateDefaultContext(), reset.CreateDefaultContext()
+    reset.reset(context, parameters)
     for name in ("gains",):
         np.testing.assert_array_equal(
-            np.hstack(used.parameters[name].layout.flatten(used.get_parameter(context, name))),
-            np.hstack(fresh.parameters[name].layout.flatten(fresh.get_parameter(expected, name))),
+            np.hstack(reset.parameters[name].layout.flatten(reset.get_parameter(context, name))),
+            np.hstack(new.parameters[name].layout.flatten(new.get_parameter(expected, name))),
         )
     np.testing.assert_array_equal(
-        np.hstack(used.get_state(context, "total")), np.hstack(fresh.get_state(expected, "total"))
+        np.hstack(reset.get_state(context, "total")), np.hstack(new.get_state(expected, "total"))
     )
 
 
@@ -219,11 +219,11 @@ def test_outputs_depend_only_on_the_arguments_of_their_formula():
 
 def test_random_inputs_have_a_distribution_and_a_period():
     @fleet_system(float)
-    class Gambling(FleetSystem):
+    class WithRandomInput(FleetSystem):
         def declare(self):
-            self.random_input("coin", Coin, RandomDistribution.kUniform, period=0.1)
+            self.random_input("coin", Uniform, RandomDistribution.kUniform, period=0.1)
 
-    system = Gambling(num_vehicles=4)
+    system = WithRandomInput(num_vehicles=4)
     assert system.random_inputs["coin"] == (1, RandomDistribution.kUniform, 0.1)
     assert system.GetInputPort("coin").size() == 4
 
@@ -264,9 +264,9 @@ def test_a_state_output_has_all_components_of_the_state(n, scalar):
 def test_the_template_of_a_class_has_the_classes_for_all_scalar_types():
     assert Example.__name__ == Example.__qualname__ == "Example"
     assert Example.template[float] is Example
-    made = Example.template[AutoDiffXd](num_vehicles=2)
-    assert made.scalar is AutoDiffXd
-    assert made.CreateDefaultContext().get_discrete_state(0).size() == 6
+    system = Example.template[AutoDiffXd](num_vehicles=2)
+    assert system.scalar is AutoDiffXd
+    assert system.CreateDefaultContext().get_discrete_state(0).size() == 6
 
 
 def test_drake_finds_the_modules_of_other_templates():

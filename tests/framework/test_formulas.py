@@ -16,8 +16,8 @@ TICK_PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]  # s
 
 
 @pytest.mark.parametrize("period", TICK_PERIODS)
-def test_the_number_of_a_tick_is_twice_the_number_of_its_pair_plus_its_place_in_the_pair(period):
-    """Times that differ from the time of a tick by less than half a period have the number of this tick."""
+def test_a_tick_number_is_twice_the_pair_number_plus_one_for_the_second_tick_of_a_pair(period):
+    """A time that differs from the time of a tick by less than half a period has the number of this tick."""
     ticks = CurrentTick(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
@@ -135,7 +135,7 @@ def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formul
 
 
 @pytest.mark.parametrize(
-    ("formula", "words"),
+    ("formula", "message"),
     [
         (lambda x: (x > 0.0) + (x < 2.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
         (lambda x: -(x > 0.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
@@ -143,6 +143,6 @@ def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formul
         (lambda x: (x > 0.0) | x, "must be comparisons, not numbers"),
     ],
 )
-def test_ambiguous_operations_on_comparisons_are_refused(formula, words):
-    with pytest.raises(TypeError, match=words):
+def test_ambiguous_operations_on_comparisons_are_refused(formula, message):
+    with pytest.raises(TypeError, match=message):
         kernel(formula, (ROW,), (ROW,), single_vehicle=True)

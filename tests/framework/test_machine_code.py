@@ -197,51 +197,54 @@ def test_random_expressions_agree_with_numpy(text, seed):
     x, y = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, LANES + 3))
     expected = np.broadcast_to(formula(x, y), x.shape)
     actual = run_on_arrays(formula, [x, y])
-    # Masks may differ because of rounding errors.
+    # One element may differ, because rounding errors can change the result of a comparison.
     assert np.isclose(actual, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
 
 
-class Place(NamedTuple):
+class Position(NamedTuple):
     x: Row
     y: Row
 
 
-class Turned(NamedTuple):
-    place: Place
+class Pose(NamedTuple):
+    place: Position
     angle: tuple[Row]
 
 
-def turned(place: Place, angle: tuple[Row], scale: tuple[Row], time: Row, offset: float) -> Turned:
+def scaled_rotation(place: Position, angle: tuple[Row], scale: tuple[Row], time: Row, offset: float) -> Pose:
     (by,), (factor,) = angle, scale
     s, c = elementary.sin_cos(by)
-    rotated = Place(factor * (c * place.x - s * place.y) + offset, factor * (s * place.x + c * place.y))
-    return Turned(rotated, (by + time,))
+    rotated = Position(factor * (c * place.x - s * place.y) + offset, factor * (s * place.x + c * place.y))
+    return Pose(rotated, (by + time,))
 
 
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 5])
 def test_results_of_a_single_vehicle_and_in_a_fleet_are_bitwise_equal(n):
     rng = np.random.default_rng(n)
-    place, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
+    position, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
     one = layout_of(tuple[Row])
-    arguments = (layout_of(Place), one, one, TIME, 0.25)
-    fleet = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=n == 1)
-    single = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
-    moved, later = np.empty(2 * n), np.empty(n)
-    fleet(n, 3.0, moved, later, place, angle, scale)
+    arguments = (layout_of(Position), one, one, TIME, 0.25)
+    fleet = kernel(scaled_rotation, arguments, (layout_of(Position), one), single_vehicle=n == 1)
+    single = kernel(scaled_rotation, arguments, (layout_of(Position), one), single_vehicle=True)
+    fleet_position, fleet_angle = np.empty(2 * n), np.empty(n)
+    fleet(n, 3.0, fleet_position, fleet_angle, position, angle, scale)
     for i in range(n):
-        own, own_later = np.empty(2), np.empty(1)
-        single(1, 3.0, own, own_later, place[i::n].copy(), angle[i::n].copy(), scale[i::n].copy())
-        np.testing.assert_array_equal(own, moved[i::n])
-        np.testing.assert_array_equal(own_later, later[i::n])
-    expected = turned(Place(*place.reshape(2, n)), (angle,), (scale,), 3.0, 0.25)
-    np.testing.assert_allclose(moved.reshape(2, n), expected.place, rtol=1e-14, atol=1e-15)
+        single_position, single_angle = np.empty(2), np.empty(1)
+        single(1, 3.0, single_position, single_angle, position[i::n].copy(), angle[i::n].copy(), scale[i::n].copy())
+        np.testing.assert_array_equal(single_position, fleet_position[i::n])
+        np.testing.assert_array_equal(single_angle, fleet_angle[i::n])
+    expected = scaled_rotation(Position(*position.reshape(2, n)), (angle,), (scale,), 3.0, 0.25)
+    np.testing.assert_allclose(fleet_position.reshape(2, n), expected.place, rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize("n", [1, LANES + 3])
 def test_an_output_array_may_also_be_an_input(n):
     values = np.arange(2.0 * n)
     swap = kernel(
-        lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), single_vehicle=n == 1
+        lambda position: Position(position.y, position.x),
+        (layout_of(Position),),
+        (layout_of(Position),),
+        single_vehicle=n == 1,
     )
     swap(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*range(n, 2 * n), *range(n)])
@@ -373,7 +376,7 @@ def test_the_function_where_returns_the_row_itself_if_both_alternatives_are_the_
 
 def test_equal_branches_share_one_separate_function():
     listing = Listing()
-    x, y, bound = (listing.row(0, place) for place in range(3))
+    x, y, bound = (listing.row(0, index) for index in range(3))
     results = [*seldom_polar(x, y, bound), *seldom_polar(y, x, bound)]
     assert {operation.name for operation in listing.operations} == {"row", "constant", "greater", "branch", "select"}
     text = kernels._module(listing, results, [3], [4], LANES)
@@ -416,12 +419,12 @@ def test_a_branch_that_uses_rows_that_are_not_arguments_is_refused():
 
 
 def test_a_formula_with_results_of_another_layout_is_refused():
-    def placed(x: Row) -> Place:
-        return Place(x, x)
+    def placed(x: Row) -> Position:
+        return Position(x, x)
 
-    with pytest.raises(TypeError, match="formula placed: expected Turned, not Place"):
-        kernel(placed, (ROW,), (layout_of(Turned),), single_vehicle=True)
-    with pytest.raises(TypeError, match="formula placed: expected a number or a row, not Place"):
+    with pytest.raises(TypeError, match="formula placed: expected Pose, not Position"):
+        kernel(placed, (ROW,), (layout_of(Pose),), single_vehicle=True)
+    with pytest.raises(TypeError, match="formula placed: expected a number or a row, not Position"):
         kernel(placed, (ROW,), (ROW,), single_vehicle=True)
     with pytest.raises(TypeError, match="formula placed: expected 3 results"):
         kernel(placed, (ROW,), (ROW, ROW, ROW), single_vehicle=True)

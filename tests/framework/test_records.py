@@ -50,21 +50,21 @@ class WithOptionalPart(NamedTuple):
 
 
 def test_fields_that_are_none_have_no_rows():
-    whole, bare = WithOptionalPart(1.0, Point(2.0, 3.0), 4.0), WithOptionalPart(1.0)
-    for value, names in ((whole, ("first", "point.x", "point.y", "last")), (bare, ("first",))):
+    complete, partial = WithOptionalPart(1.0, Point(2.0, 3.0), 4.0), WithOptionalPart(1.0)
+    for value, names in ((complete, ("first", "point.x", "point.y", "last")), (partial, ("first",))):
         layout = layout_of(WithOptionalPart, value)
         assert layout.names == names
         assert layout.build(layout.flatten(value)) == value
-    assert layout_of(WithOptionalPart) == layout_of(WithOptionalPart, bare)
-    assert layout_of(WithOptionalPart, bare) != layout_of(WithOptionalPart, whole)
+    assert layout_of(WithOptionalPart) == layout_of(WithOptionalPart, partial)
+    assert layout_of(WithOptionalPart, partial) != layout_of(WithOptionalPart, complete)
 
 
 def test_a_field_that_is_unexpectedly_none_or_not_none_is_refused():
-    whole, bare = WithOptionalPart(1.0, Point(2.0, 3.0)), WithOptionalPart(1.0)
+    complete, partial = WithOptionalPart(1.0, Point(2.0, 3.0)), WithOptionalPart(1.0)
     with pytest.raises(TypeError, match="expected None, not Point"):
-        layout_of(WithOptionalPart, bare).flatten(whole)
+        layout_of(WithOptionalPart, partial).flatten(complete)
     with pytest.raises(TypeError, match="expected Point, not NoneType"):
-        layout_of(WithOptionalPart, whole).flatten(bare)
+        layout_of(WithOptionalPart, complete).flatten(partial)
 
 
 def test_types_of_fixed_length_determine_their_layout():

@@ -77,7 +77,7 @@ def test_numpy_functions_without_a_replacement_are_also_refused():
 
 
 @pytest.mark.parametrize(
-    ("formula", "words"),
+    ("formula", "message"),
     [
         (lambda x: np.sin(x), r"numpy\.sin .*; use sin_cos\(x\)\[0\] instead"),
         (lambda x: np.sin([x, x])[0], r"numpy\.sin .*; use sin_cos\(x\)\[0\] instead"),
@@ -127,8 +127,8 @@ def test_numpy_functions_without_a_replacement_are_also_refused():
         (lambda x: len(f"{x:.2f}") * x, "set the environment variable DRAKE_QUAD_INTERPRETED"),
     ],
 )  # fmt: skip
-def test_the_error_about_a_function_that_does_not_accept_rows_suggests_a_replacement(formula, words):
-    with pytest.raises(TypeError, match=rf"^formula <lambda>: .*{words}"):
+def test_the_error_about_a_function_that_does_not_accept_rows_suggests_a_replacement(formula, message):
+    with pytest.raises(TypeError, match=rf"^formula <lambda>: .*{message}"):
         compiled(formula)
 
 

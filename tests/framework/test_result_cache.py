@@ -12,7 +12,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.framework import code_cache, result_cache
-from drake_quad.framework.result_cache import _identity, _program, cached_on_disk
+from drake_quad.framework.result_cache import _environment, _identity, cached_on_disk
 from drake_quad.scenario.distributions import Model
 
 COMPUTED_CALLS = []
@@ -39,7 +39,7 @@ def cube(values):
 def folder(tmp_path, monkeypatch):
     """Return a cache folder that does not exist yet."""
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(result_cache, "_program", lambda: "a program")
+    monkeypatch.setattr(result_cache, "_environment", lambda: "an environment")
     COMPUTED_CALLS.clear()
     return tmp_path / "cache"
 
@@ -50,13 +50,13 @@ def test_a_result_is_computed_once():
     assert len(COMPUTED_CALLS) == 1
 
 
-def test_results_are_cached_separately_for_each_program_function_and_arguments(monkeypatch):
+def test_results_are_cached_separately_for_each_environment_function_and_arguments(monkeypatch):
     values = np.arange(3.0)
     assert cached_on_disk(square, values)[2] == 4.0
     assert cached_on_disk(square, values + 1.0)[2] == 9.0
     assert cached_on_disk(square, values, shift=1.0)[2] == 5.0
     assert cached_on_disk(cube, values)[2] == 8.0
-    monkeypatch.setattr(result_cache, "_program", lambda: "another program")
+    monkeypatch.setattr(result_cache, "_environment", lambda: "another environment")
     assert cached_on_disk(square, values)[2] == 4.0
     assert len(COMPUTED_CALLS) == 5
 
@@ -72,8 +72,8 @@ def test_equal_scenarios_have_the_same_key_in_every_process():
     other = subprocess.run(
         [sys.executable, "-c", statement], env={**os.environ, "PYTHONHASHSEED": seed}, check=True, capture_output=True
     )
-    here = hashlib.sha256(_identity([load_scenario("robustness"), load_scenario("forest")])).hexdigest()
-    assert other.stdout.decode().strip() == here
+    key = hashlib.sha256(_identity([load_scenario("robustness"), load_scenario("forest")])).hexdigest()
+    assert other.stdout.decode().strip() == key
     assert _identity(load_scenario("robustness")) != _identity(load_scenario("robustness", {"vehicle.mass": 0.7}))
 
 
@@ -82,7 +82,7 @@ def test_equal_arguments_have_the_same_key_although_they_are_not_the_same_object
     assert _identity([shared, shared]) == _identity([(1.0, "a"), (float("1"), "a")])
 
 
-def test_a_result_that_depends_on_a_user_s_model_class_is_not_cached(folder):
+def test_a_result_that_depends_on_a_user_defined_model_class_is_not_cached(folder):
     class Settings(Model):
         gain: float = 1.0
 
@@ -133,33 +133,33 @@ def package(tmp_path, monkeypatch):
     return copy
 
 
-def program():
-    return _program.__wrapped__()
+def computed_environment():
+    return _environment.__wrapped__()
 
 
-def test_the_version_of_a_program_depends_on_its_sources(package):
-    before = program()
-    assert before == program()
+def test_the_environment_depends_on_the_sources_of_the_package(package):
+    before = computed_environment()
+    assert before == computed_environment()
     source = package / "symbols.py"
     status = source.stat()
     source.write_text(source.read_text() + "# more\n")
     os.utime(source, (status.st_atime, status.st_mtime))
-    assert program() not in (before, None)
+    assert computed_environment() not in (before, None)
 
 
 def test_a_process_whose_sources_were_edited_after_its_start_caches_nothing(package):
     later = time.time() + 10.0
     os.utime(package / "symbols.py", (later, later))
-    assert program() is None
+    assert computed_environment() is None
 
 
-def test_the_version_of_a_program_without_source_files_is_unknown(tmp_path, monkeypatch):
+def test_the_environment_of_a_package_without_source_files_is_unknown(tmp_path, monkeypatch):
     monkeypatch.setattr(result_cache, "_PACKAGE_FOLDER", tmp_path / "archive.zip" / "drake_quad")
-    assert program() is None
+    assert computed_environment() is None
 
 
-def test_nothing_is_cached_if_the_version_of_the_program_is_unknown(monkeypatch, folder):
-    monkeypatch.setattr(result_cache, "_program", lambda: None)
+def test_nothing_is_cached_if_the_environment_is_unknown(monkeypatch, folder):
+    monkeypatch.setattr(result_cache, "_environment", lambda: None)
     for _ in range(2):
         cached_on_disk(square, np.arange(3.0))
     assert len(COMPUTED_CALLS) == 2

@@ -23,7 +23,7 @@ def chains(count, length):
 def test_every_line_occurs_once_and_after_its_operands(seed):
     numbers = random.Random(seed)
     listing = Listing()
-    values = [listing.row(0, place) for place in range(4)]
+    values = [listing.row(0, index) for index in range(4)]
     for _ in range(300):
         x, y = numbers.choice(values), numbers.choice(values)
         values.append(numbers.choice([x + y, x * y, x / 3.0, x - y, abs(x), y]))
@@ -74,7 +74,7 @@ def test_only_lines_within_the_window_are_scheduled(monkeypatch):
 
 def test_rows_precede_their_first_use_and_unused_rows_are_last():
     listing = Listing()
-    a, b, unused = (listing.row(0, place) for place in range(3))
+    a, b, unused = (listing.row(0, index) for index in range(3))
     total = (a + 1.0) * b
     order = schedule(listing)
     assert order[-1] == unused.line

@@ -11,13 +11,13 @@ from drake_quad.gym.episodes import Episodes
 from drake_quad.gym.task import environment_scenario
 
 
-@pytest.mark.parametrize(("n", "most"), [(1, 32), (500, 4096), (4097, 2 * 4097)])
-def test_the_number_of_episodes_in_memory_is_bounded(n, most):
+@pytest.mark.parametrize(("n", "max_episodes"), [(1, 32), (500, 4096), (4097, 2 * 4097)])
+def test_the_number_of_episodes_in_memory_is_bounded(n, max_episodes):
     """The memory contains the current and the next episode of each vehicle, and further episodes in small fleets."""
     scenario = environment_scenario("hover")
     episodes = Episodes(scenario, plan_route(scenario), n, outputs=("state",))
     for rows in episodes._ready:
-        assert 2 * n <= math.prod(rows.shape[:2]) <= most
+        assert 2 * n <= math.prod(rows.shape[:2]) <= max_episodes
 
 
 @pytest.mark.long

@@ -20,7 +20,7 @@ def act(observation):
     return np.tanh(observation @ GAINS.T)
 
 
-def made(num_vehicles):
+def make_policy(num_vehicles):
     return FunctionPolicy(task(), act, num_vehicles)
 
 
@@ -36,7 +36,7 @@ def test_a_function_policy_has_the_same_flights_in_environments_and_studies():
         flight = simulate(scenario, policy=FunctionPolicy(scenario, act), compiled=compiled)
         np.testing.assert_allclose(flight.metrics.rmse, expected[0], rtol=1e-6)
         np.testing.assert_allclose(flight["action"], act(flight["observation"].astype(np.float32)), rtol=1e-6)
-    study = run_monte_carlo(scenario, 5, num_workers=1, batch_size=3, policy=made)
+    study = run_monte_carlo(scenario, 5, num_workers=1, batch_size=3, policy=make_policy)
     single = simulate(scenario, sample=4, policy=FunctionPolicy(scenario, act))
     np.testing.assert_allclose(study.metrics.rmse[[0, 4]], [expected[0], single.metrics.rmse], rtol=1e-6)
 

@@ -59,7 +59,7 @@ def zero_reward(step):
 @pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(mode):
-    """This holds for user-defined metrics and for requirements, and also for later episodes of a vehicle."""
+    """The metrics include user-defined ones and requirements. Later episodes of a vehicle are checked as well."""
     reward = TrackingReward(tracking=0.0, effort=0.0, variation=0.0, crash=0.0, metrics=METRIC_WEIGHTS)
     envs = task({**ADDITIONAL_METRICS, "mean_height": {}}, reward=reward, autoreset_mode=mode)
     envs.reset(seed=3)
@@ -83,16 +83,16 @@ def test_a_reward_function_reads_metrics_that_are_requested_by_name():
     transitions = []
     envs = task(reward=lambda step: transitions.append(step) or zero_reward(step), metrics=["largest_tilt", "near"])
     envs.reset(seed=1)
-    kept = []
+    copies = []
     for _ in range(15):
         envs.step(np.full((6, 4), 0.1))
-        kept.append(copy.deepcopy(transitions[-1].metrics))
+        copies.append(copy.deepcopy(transitions[-1].metrics))
     # The metric window starts at 0.1 s, and the time window of the requirement at 0.2 s. A tick lasts 0.02 s.
-    assert [np.isnan(each["largest_tilt"]).all() for each in kept] == [True] * 4 + [False] * 11
-    assert [np.isnan(each["near"]).all() for each in kept] == [True] * 9 + [False] * 6
+    assert [np.isnan(each["largest_tilt"]).all() for each in copies] == [True] * 4 + [False] * 11
+    assert [np.isnan(each["near"]).all() for each in copies] == [True] * 9 + [False] * 6
     tilts = [np.arccos(np.cos(each.state.roll) * np.cos(each.state.pitch)) for each in transitions[4:]]
-    np.testing.assert_allclose([each["largest_tilt"] for each in kept[4:]], np.maximum.accumulate(tilts), atol=1e-7)
-    for transition, values in zip(transitions, kept, strict=True):
+    np.testing.assert_allclose([each["largest_tilt"] for each in copies[4:]], np.maximum.accumulate(tilts), atol=1e-7)
+    for transition, values in zip(transitions, copies, strict=True):
         np.testing.assert_equal(transition.metrics, values)  # later steps do not change them
 
 
@@ -109,7 +109,7 @@ def test_a_single_environment_computes_metrics_that_need_a_recorded_flight():
 
 @pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (
             lambda: task({"last_height": {}}),
@@ -131,8 +131,8 @@ def test_a_single_environment_computes_metrics_that_need_a_recorded_flight():
         (lambda: TrackingReward(metrics=["rmse"]), r"metrics is \['rmse'\], but must be a mapping from names"),
     ],
 )
-def test_metrics_that_cannot_be_part_of_a_reward_are_refused(make, words):
-    with pytest.raises(InputError, match=words):
+def test_metrics_that_cannot_be_part_of_a_reward_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
         make()
 
 

@@ -29,7 +29,7 @@ def test_the_last_episode_is_replayed_with_all_signals(tmp_path):
     np.testing.assert_allclose(flight["observation"][1:], observations, rtol=1e-6, atol=1e-6)
     page = save_replay({"a rollout": flight}, tmp_path / "replay.html")
     assert "a rollout" in page.read_text(encoding="utf-8")
-    # After the first tick of the current episode, this episode is returned.
+    # After its first tick, the current episode is replayed instead of the last one.
     env.reset()
     assert env.flight().metrics.rmse == flight.metrics.rmse
     env.step(np.zeros(4))
@@ -63,14 +63,14 @@ def test_the_current_episode_is_replayed_up_to_its_current_tick():
 
 
 def test_a_complete_episode_is_replayed_to_its_last_tick():
-    kept = []
-    env = QuadrotorEnv("hover", {"duration": 0.2}, reward=lambda step: kept.append(step.state) or step.time)
+    states = []
+    env = QuadrotorEnv("hover", {"duration": 0.2}, reward=lambda step: states.append(step.state) or step.time)
     env.reset(seed=0)
     for k in range(10):
         *_, truncated, _ = env.step(np.array([0.1, -0.1, 0.05 * k]))
     assert truncated
     state = env.flight()["state"]
-    np.testing.assert_allclose(state[1:], np.squeeze(kept), atol=1e-12)
+    np.testing.assert_allclose(state[1:], np.squeeze(states), atol=1e-12)
     np.testing.assert_allclose(env.flight()["action"][:10, 2], 0.05 * np.arange(10))
 
 
@@ -99,8 +99,8 @@ def test_rendered_frames_show_the_vehicle_at_its_position():
 def test_the_front_rotor_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     scenario = load_scenario("figure_eight", layers=[f"vehicles/{vehicle}"])
     camera = Camera(scenario, plan_route(scenario))
-    place, yaw = np.array([0.5, -0.3, 1.2]), 2.0
-    rows = np.array([*place, 0.0, 0.0, yaw, *[0.0] * 6])[:, np.newaxis]
+    position, yaw = np.array([0.5, -0.3, 1.2]), 2.0
+    rows = np.array([*position, 0.0, 0.0, yaw, *[0.0] * 6])[:, np.newaxis]
     (frame,) = camera.frames(State(*rows), Reference(*np.full((11, 1), 99.0)))
 
     def pixels(color):
@@ -113,7 +113,7 @@ def test_the_front_rotor_is_red_and_small_vehicles_are_drawn_larger(vehicle):
         across, up, _ = proj3d.proj_transform(*point, camera._projection)
         return camera._axes.transData.transform((across, up))
 
-    middle, ahead = projected(place), projected(place + 0.1 * np.array([np.cos(yaw), np.sin(yaw), 0.0]))
+    middle, ahead = projected(position), projected(position + 0.1 * np.array([np.cos(yaw), np.sin(yaw), 0.0]))
     towards = np.mean(pixels("tab:red"), axis=1) - middle
     assert towards @ (ahead - middle) / np.linalg.norm(towards) / np.linalg.norm(ahead - middle) > 0.8
     # The blue rotors of each vehicle are more than 20 pixels apart, although the Crazyflie is much smaller.

@@ -47,13 +47,13 @@ def rollout(envs, actions, seed):
     return steps
 
 
-def columns(steps, place):
-    return np.array([step[place] for step in steps])
+def columns(steps, index):
+    return np.array([step[index] for step in steps])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("action", ACTION_TYPES)
-def test_each_vehicle_flies_as_in_drakes_simulator(action):
+def test_each_vehicle_flies_as_in_the_simulator_of_drake(action):
     """State and reference agree within 1e-9 at every tick of every episode, and observations within 1e-6."""
     observation = {
         "signals": ["position_error", "velocity_error", "rotation", "body_rates", "action", "wind"],
@@ -69,20 +69,20 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
     )
     actions = random_actions(envs, 3, 190, 0.9 if action == "acceleration" else 0.4)
     steps = rollout(envs, actions, seed=11)
-    over = [columns(steps[1:], place) for place in (2, 3)]
-    ended = over[0] | over[1]
+    terminated_and_truncated = [columns(steps[1:], index) for index in (2, 3)]
+    ended = terminated_and_truncated[0] | terminated_and_truncated[1]
     episodes = 0
     for vehicle in (0, 4, 8):  # machine code simulates vehicles 0 to 7 in one vector register, and vehicle 8 in another
         first, sample = 0, 0
         for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
-            flown = actions[first : last + 1, vehicle]
+            flown_actions = actions[first : last + 1, vehicle]
             flight = simulate(
                 envs.scenario,
                 seed=11 + vehicle,
                 sample=sample,
-                policy=action_source(flown, 0.02),
+                policy=action_source(flown_actions, 0.02),
                 plan=envs.plan,
-                until=0.02 * len(flown),
+                until=0.02 * len(flown_actions),
             )
             for name in ("state", "reference", "rotor_speed"):
                 actual = [
@@ -95,7 +95,7 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
             initial = steps[first][0][vehicle]
             np.testing.assert_allclose(initial, flight["observation"][0], rtol=1e-6, atol=1e-6)
             if last < len(actions) - 1 or ended[last, vehicle]:
-                assert over[0][last, vehicle] == flight.metrics.crashed
+                assert terminated_and_truncated[0][last, vehicle] == flight.metrics.crashed
                 info = steps[last + 1][4]["flight"]
                 assert ("effort_x" in info) == (action == "acceleration")
                 for field in info.keys() & {*Metrics._fields}:
@@ -105,7 +105,7 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
             first, sample = last + 2, sample + 1
     assert episodes > 3
     # No vehicle crashes this early if actions are accelerations.
-    assert over[0][:, [0, 4, 8]].any() == (action != "acceleration")
+    assert terminated_and_truncated[0][:, [0, 4, 8]].any() == (action != "acceleration")
 
 
 @pytest.mark.long
@@ -115,10 +115,10 @@ def test_a_rollout_is_reproducible_and_vehicles_are_independent():
     one, repeated = (rollout(each, actions, seed=5) for each in (envs, envs_of(12)))
     for first, second in zip(one, repeated, strict=True):
         assert data_equivalence(first, second, exact=True)
-    few = rollout(envs_of(3), actions[:, 4:7], seed=9)
-    for whole, part in zip(one, few, strict=True):
-        for place in range(4 if len(part) == 5 else 1):
-            np.testing.assert_array_equal(whole[place][4:7], part[place])
+    partial = rollout(envs_of(3), actions[:, 4:7], seed=9)
+    for complete_step, partial_step in zip(one, partial, strict=True):
+        for index in range(4 if len(partial_step) == 5 else 1):
+            np.testing.assert_array_equal(complete_step[index][4:7], partial_step[index])
     other = rollout(envs, actions, seed=6)
     assert not np.array_equal(one[60][0], other[60][0])
 
@@ -126,16 +126,16 @@ def test_a_rollout_is_reproducible_and_vehicles_are_independent():
 @pytest.mark.long
 def test_vehicles_can_have_individual_seeds_and_resets():
     envs = envs_of(4, autoreset_mode=AutoresetMode.DISABLED)
-    whole, _ = envs.reset(seed=[7, 8, 20, 21])
-    np.testing.assert_array_equal(whole[:2], envs_of(2).reset(seed=7)[0])
-    np.testing.assert_array_equal(whole[2:], envs_of(2).reset(seed=np.int64(20))[0])
+    initial, _ = envs.reset(seed=[7, 8, 20, 21])
+    np.testing.assert_array_equal(initial[:2], envs_of(2).reset(seed=7)[0])
+    np.testing.assert_array_equal(initial[2:], envs_of(2).reset(seed=np.int64(20))[0])
     for action in random_actions(envs, 0, 3):
         before, *_ = envs.step(action)
     mask = np.array([False, True, False, True])
     observed, infos = envs.reset(options={"reset_mask": mask}, seed=[None, 8, None, None])
     assert infos == {}
     np.testing.assert_array_equal(observed[~mask], before[~mask])
-    np.testing.assert_array_equal(observed[1], whole[1])
+    np.testing.assert_array_equal(observed[1], initial[1])
     assert [envs.episode(i) for i in range(4)] == [(7, 0), (8, 0), (20, 0), (21, 1)]
     after, *_ = envs.step(np.zeros((4, 4)))
     assert (after != observed).any(axis=1).all()
@@ -299,7 +299,6 @@ def test_environments_are_registered_and_wrapped():
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
 def test_the_task_does_not_depend_on_the_heading_if_observations_rotate_with_it(action):
-    """Observations and rewards are the same for another heading."""
     observation = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []
     for yaw in (0.0, 2.0):
@@ -311,8 +310,8 @@ def test_the_task_does_not_depend_on_the_heading_if_observations_rotate_with_it(
             observation={**observation, "frame": "reference_heading"},
         )
         steps.append(rollout(envs, random_actions(envs, 0, 25), 0))
-    for place, of_a_step in ((0, slice(None)), (1, slice(1, None))):
-        one, other = (columns(flown[of_a_step], place) for flown in steps)
+    for index, selected in ((0, slice(None)), (1, slice(1, None))):
+        one, other = (columns(each[selected], index) for each in steps)
         assert np.ptp(one, axis=0).max() > 0.01
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
 
@@ -332,7 +331,7 @@ def test_the_observation_and_action_spaces_match_the_scenario():
 
 
 def test_reward_and_termination_can_be_user_defined_functions():
-    def far(step):
+    def is_far(step):
         return step.position_error > 0.5
 
     def downwind(step):
@@ -341,7 +340,9 @@ def test_reward_and_termination_can_be_user_defined_functions():
         np.testing.assert_array_equal(step.time, 0.02 * (len(distances) + 1))
         return -step.signals["wind"].x
 
-    envs = envs_of(4, reward=downwind, terminates=far, signals=["wind", "state"], autoreset_mode=AutoresetMode.DISABLED)
+    envs = envs_of(
+        4, reward=downwind, terminates=is_far, signals=["wind", "state"], autoreset_mode=AutoresetMode.DISABLED
+    )
     envs.reset(seed=1)
     distances = []
     for action in random_actions(envs, 1, 70):
@@ -448,7 +449,7 @@ def test_the_tracking_reward_follows_its_formula():
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (lambda: envs_of(0), "num_envs is 0, but must be at least 1"),
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
@@ -458,7 +459,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
-            "overrides apply only to a scenario that is given by file or name",
+            "overrides apply only to a scenario that is loaded by file or name",
         ),
         (
             lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
@@ -520,6 +521,6 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
     ],
 )
-def test_invalid_arguments_are_reported_in_a_sentence(make, words):
-    with pytest.raises(InputError, match=words):
+def test_invalid_arguments_are_reported_in_a_sentence(make, message):
+    with pytest.raises(InputError, match=message):
         make()

@@ -33,7 +33,7 @@ def guessed(*overrides: str) -> Scenario:
 def write_flight(path: Path, scenario: Scenario) -> Path:
     """Fly a scenario, and write measurements and commands in Neural-Fly's format, with vectors in brackets."""
     flight = simulate(scenario, compiled=True)
-    seen, target = flight["measurement"], flight["attitude_target"]
+    measurement, target = flight["measurement"], flight["attitude_target"]
 
     def cells(rows: np.ndarray) -> list[str]:
         return [str([float(f"{value:.9g}") for value in row]) for row in rows]
@@ -42,17 +42,17 @@ def write_flight(path: Path, scenario: Scenario) -> Path:
         return cells(Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat())
 
     # The force is evaluated at the time of the camera measurement.
-    seen_at = flight.time - frame_age(scenario)
-    state = np.column_stack([np.interp(seen_at, flight.time, row) for row in flight["state"].T])
+    frame_time = flight.time - frame_age(scenario)
+    state = np.column_stack([np.interp(frame_time, flight.time, row) for row in flight["state"].T])
     mass = scenario.vehicle.mass
     up = Rotation.from_euler("ZYX", state[:, 5:2:-1]).apply([0.0, 0.0, 1.0])
     acceleration = np.gradient(state[:, 6:9], flight.time, axis=0) + np.array([0.0, 0.0, 9.81])
     columns = {
         "t": [f"{time:.6f}" for time in flight.time],
-        "p": cells(seen[:, 0:3]),
-        "v": cells(seen[:, 6:9]),
-        "q": quaternions(seen[:, 3:6]),
-        "w": cells(seen[:, 9:12]),
+        "p": cells(measurement[:, 0:3]),
+        "v": cells(measurement[:, 6:9]),
+        "q": quaternions(measurement[:, 3:6]),
+        "w": cells(measurement[:, 9:12]),
         "p_d": cells(flight["reference"][:, 0:3]),
         "v_d": cells(flight["reference"][:, 3:6]),
         "T_sp": [f"{thrust / (4.0 * ASSUMED_MAX_THRUST):.9g}" for thrust in target[:, 0]],

@@ -1,4 +1,4 @@
-"""The command `compare-log`, applied to logs of a Crazyflie whose controller is known."""
+"""Tests of the command `compare-log` with logs of a Crazyflie whose controller is known."""
 
 import csv
 import re
@@ -61,8 +61,7 @@ def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
 
 @pytest.mark.long
 def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(compare, monkeypatch):
-    """The true thrust factor predicts better than the thrust factor of the data sheet, even if the filter keeps its
-    initial noise."""
+    """The filter keeps its initial noise. The true thrust factor predicts better than that of the data sheet."""
     monkeypatch.setattr(prediction, "fit", lambda predictor, parameters, noise: SimpleNamespace(noise=noise))
     mass, file = "nominal.mass=0.0375", "diagrams/vehicles/crazyflie.yaml"
     given = ["--set", mass, "--set", "vehicle.thrust_factor=3.025e-8"]
@@ -71,12 +70,12 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
     assert printed.startswith("crazyflie has no controller; RMS errors of its open-loop predictions of log100:\n")
     error = 0.01 * float(re.search(r"^position +0\.2 s +(\S+) \[", printed, re.MULTILINE)[1])
     sheet = load_undesigned(ROOT / file, [mass])
-    found = prediction.predict(read_log(ROOT / LOGS / "log100.xz"), {"data sheet": sheet}, horizons=(0.2,))
-    assert error < 0.7 * found.rmse("position", "data sheet", 0.2).value
+    result = prediction.predict(read_log(ROOT / LOGS / "log100.xz"), {"data sheet": sheet}, horizons=(0.2,))
+    assert error < 0.7 * result.rmse("position", "data sheet", 0.2).value
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["none.xz", f"{SCENARIO_FILE}:log08"], "none.xz"),
         ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log09"], "there is no scenario 'log09'"),
@@ -88,9 +87,9 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
         ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
     ],
 )
-def test_wrong_input_is_refused_with_one_sentence_and_exit_status_2(compare, tmp_path, arguments, words):
-    status, printed, told = compare(*arguments, "--output", tmp_path / "out")
+def test_wrong_input_is_refused_with_one_sentence_and_exit_status_2(compare, tmp_path, arguments, message):
+    status, printed, errors_printed = compare(*arguments, "--output", tmp_path / "out")
     assert (status, printed) == (2, "")
-    errors = [line for line in told.splitlines() if line.startswith("error: ")]
+    errors = [line for line in errors_printed.splitlines() if line.startswith("error: ")]
     assert len(errors) == 1
-    assert words in errors[0]
+    assert message in errors[0]

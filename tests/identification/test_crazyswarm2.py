@@ -1,4 +1,4 @@
-"""Scenarios of the four Crazyflies: gains of the controller and stability."""
+"""Tests of the scenarios of four real Crazyflies: the gains of their controllers, and stability."""
 
 import numpy as np
 import pytest
@@ -28,8 +28,10 @@ def test_gains_times_the_nominal_inertia_are_the_firmware_gains(diagrams, log):
 @pytest.mark.slow
 @pytest.mark.parametrize("log", FIRMWARE_GAINS)
 def test_the_loop_is_unstable_with_the_slow_rotors_of_the_data_sheet_vehicle(diagrams, log):
-    """The loop is stable with a rotor time constant of 72 ms. An axis without integral action has a pole at 1, which
-    counts as stable."""
+    """The loop is stable with a rotor time constant of 72 ms.
+
+    An axis without integral action has a pole at 1, which counts as stable.
+    """
     quick = ["vehicle.rotor_time_constant=0.072", "vehicle.rotor_time_constant_down=null"]
     for overrides, stable in (([], False), (quick, True)):
         loop = closed_loop(load_scenario(f"{diagrams / SCENARIO_FILE}:sheet_{log}", overrides))

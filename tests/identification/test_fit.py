@@ -23,9 +23,9 @@ def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.n
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
-    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    result = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     # An error is measured minus predicted.
-    return PredictionFit(found, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ found, np.zeros(2)), rows, values
+    return PredictionFit(result, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ result, np.zeros(2)), rows, values
 
 
 @pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
@@ -35,48 +35,48 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
     _, rows, values = line_fit(12, 7, seed=0)
     blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
 
-    def fitted(kept: np.ndarray) -> np.ndarray:
-        own, measured = rows[kept].reshape(-1, 2), values[kept].ravel()
-        return np.linalg.solve(own.T @ own + np.diag(prior), own.T @ measured + prior * mean)
+    def fitted(included: np.ndarray) -> np.ndarray:
+        result, measured = rows[included].reshape(-1, 2), values[included].ravel()
+        return np.linalg.solve(result.T @ result + np.diag(prior), result.T @ measured + prior * mean)
 
-    whole = fitted(np.full(12, True))
-    moves = np.array([fitted(blocks != b) - whole for b in range(4)])
-    expected = 3 / 4 * moves.T @ moves
+    complete_fit = fitted(np.full(12, True))
+    changes = np.array([fitted(blocks != b) - complete_fit for b in range(4)])
+    expected = 3 / 4 * changes.T @ changes
     if adjacent:
-        first, then = moves[:-1], moves[1:]
-        expected += 3 / 4 * 0.5 * (first.T @ then + then.T @ first)
+        first, second = changes[:-1], changes[1:]
+        expected += 3 / 4 * 0.5 * (first.T @ second + second.T @ first)
     inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
     expected += inverse @ np.diag(prior) @ inverse
     # Each variance is at least the variance for a correct model, which is on the diagonal of `inverse`.
-    wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
-    found = PredictionFit(whole, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ whole, prior)
+    scale = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
+    actual = PredictionFit(complete_fit, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ complete_fit, prior)
     if adjacent:
-        own = found.uncertainty(blocks)
+        result = actual.uncertainty(blocks)
     else:
-        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.jacobian, found.jacobian), blocks)
-        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.jacobian, found.errors), blocks)
-        own = jackknife(told, scores, prior=prior)
-    np.testing.assert_allclose(own.covariance, expected * np.outer(wider, wider), rtol=1e-9)
-    np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
+        information = sums_over_blocks(np.einsum("wkp,wkq->wpq", actual.jacobian, actual.jacobian), blocks)
+        scores = sums_over_blocks(np.einsum("wkp,wk->wp", actual.jacobian, actual.errors), blocks)
+        result = jackknife(information, scores, prior=prior)
+    np.testing.assert_allclose(result.covariance, expected * np.outer(scale, scale), rtol=1e-9)
+    np.testing.assert_allclose(result.model_covariance, inverse, rtol=1e-9)
 
 
 def test_the_jackknife_variance_is_at_least_the_variance_for_a_correct_model() -> None:
     information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
     scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
-    found = jackknife(information, scores)
-    assert found.covariance[0, 0] == pytest.approx(1.0 / 40.0)
-    assert found.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
+    result = jackknife(information, scores)
+    assert result.covariance[0, 0] == pytest.approx(1.0 / 40.0)
+    assert result.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
 
 
 def test_condensed_residuals_keep_the_normal_equations_and_the_sum_of_squares() -> None:
     """The columns differ by eight orders of magnitude, like the derivatives for an inertia and a time constant."""
     rng = np.random.default_rng(4)
     jacobian, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
-    few, short = fitting._condensed(residuals, jacobian)
-    assert (few.shape, short.shape) == ((5,), (5, 4))
-    np.testing.assert_allclose(few @ few, residuals @ residuals)
-    np.testing.assert_allclose(short.T @ short, jacobian.T @ jacobian, rtol=1e-9)
-    np.testing.assert_allclose(short.T @ few, jacobian.T @ residuals, rtol=1e-9)
+    condensed_residuals, condensed_jacobian = fitting._condensed(residuals, jacobian)
+    assert (condensed_residuals.shape, condensed_jacobian.shape) == ((5,), (5, 4))
+    np.testing.assert_allclose(condensed_residuals @ condensed_residuals, residuals @ residuals)
+    np.testing.assert_allclose(condensed_jacobian.T @ condensed_jacobian, jacobian.T @ jacobian, rtol=1e-9)
+    np.testing.assert_allclose(condensed_jacobian.T @ condensed_residuals, jacobian.T @ residuals, rtol=1e-9)
 
 
 def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
@@ -84,18 +84,18 @@ def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
 
     The standard deviation of their mean is a fifth of the standard deviation of the mean of n.
     """
-    said, off = {}, []
+    variances, mean_errors = {}, []
     for seed in range(300):
         noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more noise than the model expects
         errors = (noise[1:] - 0.8 * noise[:-1])[:, None, None]
-        off.append(errors.mean())
+        mean_errors.append(errors.mean())
         information, scores = np.ones((40, 1, 1)), -(errors - errors.mean())[:, 0]
         for adjacent in (True, False):
-            found = jackknife(information, scores, adjacent=adjacent)
-            said.setdefault(adjacent, []).append(float(found.covariance[0, 0]))
-    variance = float(np.mean(np.square(off)))
-    assert np.mean(said[False]) > 20.0 * variance
-    assert np.mean(said[True]) < 0.55 * np.mean(said[False])
+            result = jackknife(information, scores, adjacent=adjacent)
+            variances.setdefault(adjacent, []).append(float(result.covariance[0, 0]))
+    variance = float(np.mean(np.square(mean_errors)))
+    assert np.mean(variances[False]) > 20.0 * variance
+    assert np.mean(variances[True]) < 0.55 * np.mean(variances[False])
 
 
 def test_degrees_of_freedom_count_the_informative_blocks() -> None:
@@ -104,8 +104,8 @@ def test_degrees_of_freedom_count_the_informative_blocks() -> None:
     jacobian[:, :3, 0] = 1.0
     jacobian[:2, 3:, 1] = 1.0
     fitted = PredictionFit(np.zeros(2), UNIT_NOISE, EMPTY_GAINS, jacobian, np.zeros((10, 5)), np.zeros(2))
-    found = fitted.uncertainty(np.arange(10)).degrees_of_freedom
-    np.testing.assert_allclose(found, [9.0, 1.0])
+    result = fitted.uncertainty(np.arange(10)).degrees_of_freedom
+    np.testing.assert_allclose(result, [9.0, 1.0])
 
 
 @pytest.mark.slow
@@ -114,9 +114,9 @@ def test_intervals_cover_the_true_values_if_errors_are_correlated() -> None:
     inside = 0
     for seed in range(400):
         fitted, *_ = line_fit(15, 6, seed)
-        found = fitted.uncertainty(np.arange(15))
-        reach = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
-        inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < reach)
+        result = fitted.uncertainty(np.arange(15))
+        half_widths = scipy.stats.t.ppf(0.975, result.degrees_of_freedom) * np.sqrt(np.diag(result.covariance))
+        inside += np.sum(np.abs(fitted.values - [1.0, -2.0]) < half_widths)
     assert 0.93 < inside / 800 < 0.99
 
 
@@ -126,9 +126,9 @@ def test_score_and_information_match_normally_distributed_errors() -> None:
     errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
     spreads = np.full((50, 2, 3, 1, 1), deviation**2)
     spreads[:, 1] *= np.exp(2.0 * step)
-    found, score, information = noise_likelihood(np.tile(errors, (1, 2, 1, 1)), spreads, step)
+    result, score, information = noise_likelihood(np.tile(errors, (1, 2, 1, 1)), spreads, step)
     squares = (errors / deviation) ** 2
-    assert found == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
+    assert result == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
     assert score[0] == pytest.approx((squares - 1.0).sum(), rel=1e-3)
     assert information[0, 0] == pytest.approx(300.0, rel=1e-3)
 
@@ -138,26 +138,30 @@ def test_evidence_has_at_least_sixty_parts_because_few_windows_are_split(windows
     """The parts are in the order of time. All outputs of a sample stay in the same part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
-    found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
-    assert len(found.scores) == windows * parts
+    result = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
+    assert len(result.scores) == windows * parts
     pieces = [
         (rows, errors)
-        for window, own in zip(fitted.jacobian, fitted.errors, strict=True)
+        for window, window_errors in zip(fitted.jacobian, fitted.errors, strict=True)
         for rows, errors in zip(
-            np.array_split(window.reshape(12, 2, 2), parts), np.array_split(own.reshape(12, 2), parts), strict=True
+            np.array_split(window.reshape(12, 2, 2), parts),
+            np.array_split(window_errors.reshape(12, 2), parts),
+            strict=True,
         )
     ]
     for part, (rows, errors) in enumerate(pieces):
-        np.testing.assert_allclose(found.information[part], np.einsum("kmp,kmq->pq", rows, rows))
-        np.testing.assert_allclose(found.scores[part], np.einsum("kmp,km->p", rows, errors))
-    assert (found.names, found.duration) == (("a", "b"), 30.0)
-    np.testing.assert_array_equal(found.values, fitted.values)
-    np.testing.assert_array_equal(found.scales, [1.0, 2.0])
+        np.testing.assert_allclose(result.information[part], np.einsum("kmp,kmq->pq", rows, rows))
+        np.testing.assert_allclose(result.scores[part], np.einsum("kmp,km->p", rows, errors))
+    assert (result.names, result.duration) == (("a", "b"), 30.0)
+    np.testing.assert_array_equal(result.values, fitted.values)
+    np.testing.assert_array_equal(result.scales, [1.0, 2.0])
 
 
 class LinearPredictor:
-    """Stub of a predictor: the errors of a linear model, `measured` minus `rows` times θ, with white noise of unit
-    variance."""
+    """Stub of a predictor with a linear model.
+
+    The errors are `measured` minus `rows` times θ. The noise is white, with unit variance.
+    """
 
     class Model:
         delay_index = None
@@ -167,15 +171,15 @@ class LinearPredictor:
     def __init__(self, rows: np.ndarray, measured: np.ndarray) -> None:
         self.rows, self.target = rows, measured
         self.windows = range(rows.shape[1])
-        self.counted = np.full(len(rows), True)
+        self.evaluated = np.full(len(rows), True)
 
     def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
         whitening = np.ones((*self.target.shape, 1, 1))
         return EMPTY_GAINS._replace(whitening=whitening, noise=noise)
 
     def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
-        found = self.target[:, :, None] - self.rows @ parameters.T
-        return found.transpose(0, 2, 1)[:, None], np.zeros((1, len(parameters), len(self.windows)))
+        result = self.target[:, :, None] - self.rows @ parameters.T
+        return result.transpose(0, 2, 1)[:, None], np.zeros((1, len(parameters), len(self.windows)))
 
     def continue_windows(self, *_: object) -> None: ...
 
@@ -194,13 +198,13 @@ def test_the_fit_of_a_linear_model_is_the_posterior_mean(monkeypatch: pytest.Mon
     rng = np.random.default_rng(2)
     rows = rng.normal(size=(30, 4, 2))
     measured = rows @ [2.0, -0.5] + rng.normal(size=(30, 4))
-    found = fitted_line(monkeypatch, rows, measured, {"mass": (1.0, 0.1), "linear_drag": (0.2, 0.5)})
+    result = fitted_line(monkeypatch, rows, measured, {"mass": (1.0, 0.1), "linear_drag": (0.2, 0.5)})
     flat, prior = rows.reshape(-1, 2), np.array([100.0, 4.0])
     information = flat.T @ flat + np.diag(prior)
     np.testing.assert_allclose(
-        found.values, np.linalg.solve(information, flat.T @ measured.ravel() + prior * [1.0, 0.2]), rtol=1e-4
+        result.values, np.linalg.solve(information, flat.T @ measured.ravel() + prior * [1.0, 0.2]), rtol=1e-4
     )
-    np.testing.assert_allclose(found.prior, prior)
+    np.testing.assert_allclose(result.prior, prior)
 
 
 @pytest.mark.parametrize("true", [[5.0, -3.0, 1.0], [-1.0, 4.0, 0.5], [1.0, 6.0, -5.0]])
@@ -224,11 +228,11 @@ def test_an_identified_inertia_satisfies_the_triangle_inequality(monkeypatch: py
     rows = np.tile(np.eye(3), (20, 1, 1))
     measured = np.tile([1.0, 1.0, 3.0], (20, 1))
     names = {f"inertia[{i}]": (start, 1e3) for i, start in enumerate((1.0, 1.0, 1.5))}
-    found = fitted_line(monkeypatch, rows, measured, names).values
+    result = fitted_line(monkeypatch, rows, measured, names).values
     # The violation I_z - I_x - I_y = 1 is distributed equally over the three moments. The lower limit of the second
     # moments adds a small error.
-    np.testing.assert_allclose(found, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
-    assert found[0] + found[1] >= found[2]
+    np.testing.assert_allclose(result, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
+    assert result[0] + result[1] >= result[2]
 
 
 def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,15 +251,15 @@ def test_a_step_to_parameters_with_a_diverging_model_is_rejected(monkeypatch: py
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
             theta = parameters[:, 0]
             error = np.where(theta > 1.2, 1e200 * theta, np.sqrt(np.abs(1.0 - theta)) * np.sign(1.0 - theta))
-            shape = (len(self.counted), 1, len(theta), len(self.windows))
-            found = np.broadcast_to(error[None, None, :, None], shape)
-            return found.copy(), np.zeros((1, len(theta), len(self.windows)))
+            shape = (len(self.evaluated), 1, len(theta), len(self.windows))
+            result = np.broadcast_to(error[None, None, :, None], shape)
+            return result.copy(), np.zeros((1, len(theta), len(self.windows)))
 
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
     parameters = linear_parameters({"mass": (0.0, 1e2)})
-    found = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
-    assert 0.5 < found.values[0] < 1.2
+    result = fitting.fit(Diverging(np.ones((50, 4, 1)), np.ones((50, 4))), parameters, noise)  # type: ignore[arg-type]
+    assert 0.5 < result.values[0] < 1.2
 
 
 @pytest.mark.parametrize("finite", [True, False], ids=["errors too large", "one slope not finite"])
@@ -264,34 +268,34 @@ def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool)
 
     class Diverging(LinearPredictor):
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
-            found, states = super().errors(parameters)
+            result, states = super().errors(parameters)
             if finite:
-                return 1e200 * np.sign(found), states
-            found[:, :, parameters[:, 1] > start[1]] = np.inf
-            return found, states
+                return 1e200 * np.sign(result), states
+            result[:, :, parameters[:, 1] > start[1]] = np.inf
+            return result, states
 
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found = fitting._best_point(predictor, parameters, start, predictor.gains(start, UNIT_NOISE))  # type: ignore[arg-type]
-    np.testing.assert_allclose(found.values, start)
+    result = fitting._best_point(predictor, parameters, start, predictor.gains(start, UNIT_NOISE))  # type: ignore[arg-type]
+    np.testing.assert_allclose(result.values, start)
 
 
 class DriftingPredictor(LinearPredictor):
     """Stub of a predictor of a constant. The measured constant changes at the start of each round of the fit."""
 
-    def __init__(self, moves: list[float]) -> None:
+    def __init__(self, changes: list[float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.zeros((40, 5)))
-        self.moves, self.rounds = moves, 0
+        self.changes, self.rounds = changes, 0
 
     def continue_windows(self, *_: object) -> None:
-        if self.rounds < len(self.moves):
-            self.target = self.target + self.moves[self.rounds]
+        if self.rounds < len(self.changes):
+            self.target = self.target + self.changes[self.rounds]
         self.rounds += 1
 
 
 @pytest.mark.parametrize(
-    ("moves", "rounds"),
+    ("changes", "rounds"),
     [
         # A fit has at least three and at most eight rounds.
         ([], 3),
@@ -304,15 +308,15 @@ class DriftingPredictor(LinearPredictor):
     ],
 )
 def test_fitting_rounds_continue_while_an_estimate_changes(
-    monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
+    monkeypatch: pytest.MonkeyPatch, changes: list[float], rounds: int
 ) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
-    predictor = DriftingPredictor(moves)
+    predictor = DriftingPredictor(changes)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    result = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == rounds
-    assert found.values[0] == pytest.approx(sum(moves[: rounds - 1]), abs=1e-3)
+    assert result.values[0] == pytest.approx(sum(changes[: rounds - 1]), abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -337,11 +341,11 @@ def test_fitting_rounds_continue_while_a_disturbance_changes(
 
     monkeypatch.setattr(fitting, "_noise_of", noise_of)
     # The disturbance is already at its lower limit, so no smaller one is tried.
-    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, point, factors: point)
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
+    result = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == rounds
-    assert found.noise.disturbance[4] == pytest.approx(
+    assert result.noise.disturbance[4] == pytest.approx(
         np.prod([factors[min(i, len(factors) - 1)] for i in range(rounds)])
     )
 
@@ -378,61 +382,61 @@ def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: 
     """The disturbance is not reduced below its lower limit, and axes with the factor 1 keep their values."""
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
-    at = point_at(predictor, parameters, noise_with(8.0))
-    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
-    np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
-    assert (found is at) == (best == 8.0)
+    start = point_at(predictor, parameters, noise_with(8.0))
+    actual = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(actual.noise.disturbance, [0.5] * 3 + [expected] * 3)
+    assert (actual is start) == (best == 8.0)
     # The filter gains for the returned noise are computed only once.
     assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # The returned likelihood and gains were computed with the returned noise.
     deviation = predictor.deviation(expected)
-    assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
-    np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
+    assert actual.likelihood == pytest.approx(-200.0 * np.log(deviation))
+    np.testing.assert_allclose(actual.gains.whitening, 1.0 / deviation)
 
 
 def test_parameters_are_not_refitted_if_the_disturbance_is_at_its_lower_limit() -> None:
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
-    at = point_at(predictor, parameters, noise)
+    start = point_at(predictor, parameters, noise)
     searches = len(predictor.filters)
-    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
-    assert found is at
+    result = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    assert result is start
     assert len(predictor.filters) == searches
 
 
 @pytest.mark.parametrize("scattered", [False, True])
 def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered: bool) -> None:
-    """The initial disturbance has the largest likelihood as long as the parameters are not refitted.
+    """Without a refit of the parameters, the initial disturbance has the largest likelihood.
 
-    A fifth of this disturbance has a larger likelihood after a refit if the data do not scatter.
+    After a refit, a fifth of this disturbance has a larger likelihood, unless the data scatter.
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    at = point_at(predictor, parameters, noise_with(1.0))
+    start = point_at(predictor, parameters, noise_with(1.0))
     if scattered:
         predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
-    at = at._replace(values=np.zeros(1), likelihood=-100.0)
-    found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
+    start = start._replace(values=np.zeros(1), likelihood=-100.0)
+    result = fitting._with_smaller_disturbance(predictor, parameters, start, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     if scattered:
-        assert found is at
+        assert result is start
     else:
-        assert found.noise.disturbance[3] == 0.2
-        assert found.values[0] == pytest.approx(1.0, abs=1e-4)
+        assert result.noise.disturbance[3] == 0.2
+        assert result.values[0] == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
 def test_a_smaller_disturbance_is_fitted_only_if_the_search_may_reach_the_required_likelihood(
     ratio: float, fits: bool
 ) -> None:
-    """The derivatives predict that a search increases the log-likelihood by 100. Up to 300 are assumed possible."""
+    """The derivatives predict that a search increases the log-likelihood by 100. It may gain up to three times that."""
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
     parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
     needed = -109.0 + 100.0 * ratio
-    found = point_at(predictor, parameters, noise, min_likelihood=needed)
-    assert found.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
-    assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
+    result = point_at(predictor, parameters, noise, min_likelihood=needed)
+    assert result.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
+    assert result.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
 
 
 def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
@@ -448,34 +452,34 @@ def test_a_search_evaluates_the_parameters_that_it_returns_only_once() -> None:
 
     predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    found = point_at(predictor, parameters, UNIT_NOISE)
-    assert points.count(found.values.tobytes()) == 1
-    assert points[-1] != found.values.tobytes()
-    errors, _ = predictor.errors(np.array([found.values]))
-    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
+    result = point_at(predictor, parameters, UNIT_NOISE)
+    assert points.count(result.values.tobytes()) == 1
+    assert points[-1] != result.values.tobytes()
+    errors, _ = predictor.errors(np.array([result.values]))
+    np.testing.assert_allclose(result.errors, errors[:, 0, 0].T)
 
 
-@pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
-@pytest.mark.parametrize("likelier", [True, False])
+@pytest.mark.parametrize(("mean", "starts_again"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
+@pytest.mark.parametrize("is_likelier", [True, False])
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
-    monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
+    monkeypatch: pytest.MonkeyPatch, mean: float, starts_again: bool, is_likelier: bool
 ) -> None:
-    """The search is repeated from the prior mean if the result is more than two prior standard deviations away from it.
+    """A result is far from the prior if it is more than two prior standard deviations away from the prior mean.
 
-    The fit with the larger likelihood is returned.
+    The search then starts again at the prior mean, and the fit with the larger likelihood is returned.
     """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
-    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
-    small = 0.01
-    other = small * (0.5 if likelier else 2.0)
-    predictor = WhiteningPredictor(mean, lambda torque: other if torque < 1.0 else small)
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
-    assert found.values[0] == pytest.approx(mean, abs=1e-3)
-    again = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
-    assert bool(again) == far
-    if far:
-        assert again[0] == (0.0, pytest.approx(0.05 * 4.0))
-    assert found.noise.disturbance[3] == pytest.approx(0.2 if far and likelier else 4.0)
+    monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, point, factors: point)
+    deviation = 0.01
+    deviation_after_restart = deviation * (0.5 if is_likelier else 2.0)
+    predictor = WhiteningPredictor(mean, lambda torque: deviation_after_restart if torque < 1.0 else deviation)
+    result = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise_with(4.0))  # type: ignore[arg-type]
+    assert result.values[0] == pytest.approx(mean, abs=1e-3)
+    repeated = [(value, torque) for value, torque in predictor.filters if torque < 1.0]
+    assert bool(repeated) == starts_again
+    if starts_again:
+        assert repeated[0] == (0.0, pytest.approx(0.05 * 4.0))
+    assert result.noise.disturbance[3] == pytest.approx(0.2 if starts_again and is_likelier else 4.0)
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
@@ -484,21 +488,21 @@ def test_disturbing_forces_are_reduced_without_the_torques_and_vice_versa(
 ) -> None:
     """The likelihood depends either on the forces or on the torques, and only these are reduced."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
-    predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
+    predictor, axes = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
     filters = predictor.gains
 
     def gains(values: np.ndarray, noise: PredictionNoise) -> Gains:
         # The likelihood is largest for a disturbance of 0.04, for which the errors have the smallest standard
         # deviation.
-        deviation = np.exp(np.sum(np.log(noise.disturbance[own] / 0.04) ** 2))
+        deviation = np.exp(np.sum(np.log(noise.disturbance[axes] / 0.04) ** 2))
         return filters(values, noise)._replace(whitening=np.full((40, 5, 1, 1), 1.0 / deviation))
 
     predictor.gains = gains  # type: ignore[method-assign]
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
-    found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
+    actual = fitting.fit(predictor, linear_parameters({"mass": (0.0, 1.0)}), noise).noise.disturbance  # type: ignore[arg-type]
     expected = np.ones(6)
-    expected[own] = 0.2**2
-    np.testing.assert_allclose(found, expected)
+    expected[axes] = 0.2**2
+    np.testing.assert_allclose(actual, expected)
 
 
 class QuadraticLikelihood:
@@ -509,24 +513,24 @@ class QuadraticLikelihood:
         fraction: ratio of the returned information to the true one.
 
     Attributes:
-        asked: logarithms for which the likelihood was evaluated, in order.
-        derived: logarithms for which the derivatives were evaluated as well.
+        evaluated: logarithms for which the likelihood was evaluated, in order.
+        differentiated: logarithms for which the derivatives were evaluated as well.
     """
 
     def __init__(self, best: np.ndarray, fraction: float = 1.0) -> None:
         self.best, self.fraction = best, fraction
-        self.asked: list[np.ndarray] = []
-        self.derived: list[np.ndarray] = []
+        self.evaluated: list[np.ndarray] = []
+        self.differentiated: list[np.ndarray] = []
         self.chosen = self.free = np.empty(0, dtype=int)
 
     def __call__(
         self, predictor: object, gains: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
     ) -> tuple[float, np.ndarray, np.ndarray]:
-        if not any(logs is other for other in self.asked):
-            self.asked.append(logs)
+        if not any(logs is other for other in self.evaluated):
+            self.evaluated.append(logs)
         if len(free):
             self.chosen, self.free = chosen, free
-            self.derived.append(logs)
+            self.differentiated.append(logs)
         missing = (self.best - logs)[self.free]
         return float(-50.0 * missing @ missing), 100.0 * missing[: len(free)], self.fraction * 100.0 * np.eye(len(free))
 
@@ -551,7 +555,7 @@ def noise_found(
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood)
     predictor = SimpleNamespace(
         noise_groups=np.arange(14),
-        counted=np.arange(rows + 5) >= 5,
+        evaluated=np.arange(rows + 5) >= 5,
         windows=range(windows),
         model=SimpleNamespace(frame=frame),
     )
@@ -565,7 +569,7 @@ def test_the_maximum_likelihood_noise_is_found_in_three_evaluations_if_the_likel
     best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best)
     np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
-    assert (len(likelihood.asked), len(likelihood.derived)) == (3, 2)
+    assert (len(likelihood.evaluated), len(likelihood.differentiated)) == (3, 2)
     # A search that begins at the maximum stays there.
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(INITIAL_LOG_NOISE)), INITIAL_LOG_NOISE)
 
@@ -574,32 +578,32 @@ def test_a_scoring_step_that_lowers_the_likelihood_is_shortened(monkeypatch: pyt
     """A full step is four times too long if the search uses a quarter of the true information."""
     best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best, fraction=0.25)
-    found = noise_found(monkeypatch, likelihood)
-    assert np.all(np.abs(found - best) < 0.5 * np.abs(INITIAL_LOG_NOISE - best))
-    distances = [float(np.linalg.norm(each - best)) for each in likelihood.asked]
+    actual = noise_found(monkeypatch, likelihood)
+    assert np.all(np.abs(actual - best) < 0.5 * np.abs(INITIAL_LOG_NOISE - best))
+    distances = [float(np.linalg.norm(each - best)) for each in likelihood.evaluated]
     assert distances[1] > 2.0 * distances[0]
-    assert np.linalg.norm(found - best) == pytest.approx(min(distances))
-    assert len(likelihood.asked) == 6
+    assert np.linalg.norm(actual - best) == pytest.approx(min(distances))
+    assert len(likelihood.evaluated) == 6
     # Derivatives are computed only where a step begins: at the start, and after each step that increased the
     # likelihood.
     likelier = [i for i in range(6) if distances[i] == min(distances[: i + 1])]
     assert len(likelier) > 1
-    expected = [likelihood.asked[i] for i in likelier if i < 5]
-    np.testing.assert_array_equal(likelihood.derived, expected)
+    expected = [likelihood.evaluated[i] for i in likelier if i < 5]
+    np.testing.assert_array_equal(likelihood.differentiated, expected)
 
 
 @pytest.mark.parametrize("likelihood", [-np.inf, np.nan])
 def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
     monkeypatch: pytest.MonkeyPatch, likelihood: float
 ) -> None:
-    asked = []
+    calls = []
 
-    def unlikely(*arguments: object) -> tuple[float, np.ndarray, np.ndarray]:
-        asked.append(arguments)
+    def not_finite(*arguments: object) -> tuple[float, np.ndarray, np.ndarray]:
+        calls.append(arguments)
         return likelihood, np.full(14, np.nan), np.full((14, 14), np.nan)
 
-    np.testing.assert_allclose(noise_found(monkeypatch, unlikely), INITIAL_LOG_NOISE)  # type: ignore[arg-type]
-    assert len(asked) == 1
+    np.testing.assert_allclose(noise_found(monkeypatch, not_finite), INITIAL_LOG_NOISE)  # type: ignore[arg-type]
+    assert len(calls) == 1
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
@@ -616,20 +620,20 @@ def test_noise_parameters_change_by_at_most_a_factor_of_twelve_and_stay_inside_t
     expected = INITIAL_LOG_NOISE + 2.5 * direction
     expected[thrust] = np.log(0.25 if direction > 0.0 else 0.02)
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(best)), expected)
-    near = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
+    noise = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
     limits = np.repeat([1e-5, 1e-3, 0.02], [2, 6, 6])
     if direction > 0.0:
-        near = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
-        near.correlation_time[2] = 0.1
+        noise = PredictionNoise(np.full(2, 60.0), np.full(6, 500.0), np.full(6, 8.0))
+        noise.correlation_time[2] = 0.1
         limits = np.repeat([100.0, 1e3, 20.0], [2, 6, 6])
         limits[thrust] = 0.25
-    found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))
-    np.testing.assert_allclose(found, limits)
+    actual = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), noise))
+    np.testing.assert_allclose(actual, limits)
     if direction > 0.0:
         # If disturbances act along the axes of the body, the limit of 0.25 s applies to the forces on all three axes.
-        body = PredictionNoise(near.measured, near.disturbance, np.full(6, 0.1))
-        found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body, frame="body"))
-        np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
+        body_noise = PredictionNoise(noise.measured, noise.disturbance, np.full(6, 0.1))
+        actual = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body_noise, frame="body"))
+        np.testing.assert_allclose(actual[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
 
 
 def test_the_correlation_time_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -637,20 +641,22 @@ def test_the_correlation_time_of_a_negligible_disturbance_is_not_fitted(monkeypa
     start = INITIAL_NOISE._replace(disturbance=disturbance)
     best = np.log(np.concatenate(start)) + 0.4
     likelihood = QuadraticLikelihood(best)
-    found = noise_found(monkeypatch, likelihood, start)
+    result = noise_found(monkeypatch, likelihood, start)
     fixed = [8 + 1, 8 + 4]
     np.testing.assert_array_equal(likelihood.free, [i for i in range(14) if i not in fixed])
-    np.testing.assert_allclose(np.delete(found, fixed), np.delete(best, fixed), atol=1e-4)
-    np.testing.assert_allclose(found[fixed], best[fixed] - 0.4)
+    np.testing.assert_allclose(np.delete(result, fixed), np.delete(best, fixed), atol=1e-4)
+    np.testing.assert_allclose(result[fixed], best[fixed] - 0.4)
 
 
-@pytest.mark.parametrize(("windows", "rows", "used"), [(1000, 100, 15), (1000, 1000, 5), (12, 100, 12), (3, 2000, 3)])
+@pytest.mark.parametrize(
+    ("windows", "rows", "num_windows"), [(1000, 100, 15), (1000, 1000, 5), (12, 100, 12), (3, 2000, 3)]
+)
 def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
-    monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, used: int
+    monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, num_windows: int
 ) -> None:
     likelihood = QuadraticLikelihood(INITIAL_LOG_NOISE)
     noise_found(monkeypatch, likelihood, windows=windows, rows=rows)
-    assert len(likelihood.chosen) == used
+    assert len(likelihood.chosen) == num_windows
     assert (likelihood.chosen[0], likelihood.chosen[-1]) == (0, windows - 1)
     assert np.ptp(np.diff(likelihood.chosen)) <= 1
 
@@ -684,7 +690,7 @@ class DelayedPredictor:
     def __init__(self) -> None:
         self.model = SimpleNamespace(delay_index=1)
         self.inputs = SimpleNamespace(period=self.period)
-        self.counted = np.array([False, True, True])
+        self.evaluated = np.array([False, True, True])
         random = np.random.default_rng(7)
         self.outputs, self.states = random.normal(size=(3, 2, 4)), random.normal(size=(5, 4))
         self.gains = EMPTY_GAINS._replace(whitening=np.tile(np.diag([2.0, 10.0]), (3, 4, 1, 1)))
@@ -696,19 +702,21 @@ class DelayedPredictor:
 
 
 def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None:
-    """The outputs have a kink at a delay of one sample, with the one-sided derivatives 4 and 6. The central difference
-    is 5."""
+    """The outputs have a kink at a delay of one sample, with the one-sided derivatives 4 and 6.
+
+    The central difference is 5.
+    """
     predictor = DelayedPredictor()
-    at = np.array([0.7, predictor.period])
-    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), at, predictor.gains)  # type: ignore[arg-type]
+    parameters = np.array([0.7, predictor.period])
+    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), parameters, predictor.gains)  # type: ignore[arg-type]
     white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
     np.testing.assert_allclose(point.errors, 2.1 * white)
     np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
     np.testing.assert_allclose(point.states, 2.1 * predictor.states)
     np.testing.assert_allclose(point.state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
     # For delays longer than one sample, both one-sided derivatives are equal.
-    above = at + np.array([0.0, 0.0051])
-    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), above, predictor.gains)  # type: ignore[arg-type]
+    longer_delay = parameters + np.array([0.0, 0.0051])
+    point = fitting._Point.at(predictor, np.array([0.7, 0.02]), longer_delay, predictor.gains)  # type: ignore[arg-type]
     np.testing.assert_allclose(point.jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
 
 
@@ -726,13 +734,13 @@ def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None
 def test_a_fit_has_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_limit(
     value: float, noise: float, disturbance: float, diverged: bool
 ) -> None:
-    found = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
+    result = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
     values = np.array([0.5, value])
     if diverged:
         with pytest.raises(InputError, match="^the fit diverged: "):
-            fitting._check_convergence(values, found)
+            fitting._check_convergence(values, result)
     else:
-        fitting._check_convergence(values, found)
+        fitting._check_convergence(values, result)
 
 
 def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
@@ -740,14 +748,14 @@ def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> No
     deviations = np.array([0.5, 2.0])
     whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
     whitening[:2] *= 100.0
-    counted = np.arange(5) >= 2
+    evaluated = np.arange(5) >= 2
     errors = np.random.default_rng(2).normal(size=(3, 3, 2))
-    found = fitting._likelihood(
-        SimpleNamespace(counted=counted), EMPTY_GAINS._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
+    result = fitting._likelihood(
+        SimpleNamespace(evaluated=evaluated), EMPTY_GAINS._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
     )  # fmt: skip
     normal = scipy.stats.norm(scale=deviations)
     constant = 0.5 * np.log(2.0 * np.pi) * errors.size
-    assert found == pytest.approx(normal.logpdf(errors).sum() + constant)
+    assert result == pytest.approx(normal.logpdf(errors).sum() + constant)
 
 
 def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_information(
@@ -760,25 +768,25 @@ def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_info
     groups = np.array([0, 0, 1, *([2] * 6), *([3] * 6)])
     information = np.diag([50.0, 200.0, 8.0, 0.0])
     information[0, 1] = information[1, 0] = 30.0
-    asked = []
+    calls = []
 
     def likelihood_of(predictor: object, gains: object, logs: np.ndarray, *given: np.ndarray) -> object:
-        asked.append((logs, *given))
+        calls.append((logs, *given))
         return 0.0, np.zeros(4), information
 
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood_of)
     predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
     noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
-    found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=EMPTY_GAINS))  # type: ignore[arg-type]
-    ((logs, windows, model_parameters),) = asked
+    actual = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=EMPTY_GAINS))  # type: ignore[arg-type]
+    ((logs, windows, free),) = calls
     np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
     np.testing.assert_array_equal(windows, np.arange(7))
-    np.testing.assert_array_equal(model_parameters, np.arange(4))
+    np.testing.assert_array_equal(free, np.arange(4))
     expected = np.linalg.inv(information[:2, :2])
-    np.testing.assert_allclose(found[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
-    assert found[0, 1] == found[0, 0] == found[1, 1]
-    assert found[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
-    assert found[-1, -1] >= 999.0
+    np.testing.assert_allclose(actual[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
+    assert actual[0, 1] == actual[0, 0] == actual[1, 1]
+    assert actual[3, 3] == pytest.approx(1.0 / 8.0, rel=1e-3)
+    assert actual[-1, -1] >= 999.0
 
 
 def test_the_disturbance_is_reduced_again_as_long_as_the_likelihood_increases(
@@ -791,10 +799,10 @@ def test_the_disturbance_is_reduced_again_as_long_as_the_likelihood_increases(
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, chosen=None: gains.noise)
     tried: list[tuple[float, ...]] = []
 
-    def smaller(predictor: object, parameters: object, at: object, factors: tuple[float, ...]) -> object:
+    def smaller(predictor: object, parameters: object, point: object, factors: tuple[float, ...]) -> object:
         tried.append(factors)
         improves = factors == fitting._TORQUE_REDUCTION and tried.count(factors) <= 2
-        return at._replace(likelihood=at.likelihood + 1.0) if improves else at  # type: ignore[attr-defined]
+        return point._replace(likelihood=point.likelihood + 1.0) if improves else point  # type: ignore[attr-defined]
 
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", smaller)
     predictor = DriftingPredictor([1.0] * 20)

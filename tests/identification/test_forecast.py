@@ -1,4 +1,4 @@
-"""Fraction of the variance that a forecast explains, compared with coasting."""
+"""Tests of the fraction of the variance that a forecast explains, relative to motion at constant rates."""
 
 from types import SimpleNamespace
 
@@ -32,71 +32,73 @@ def predictor():
     state = random.normal(size=(12, NUM_WINDOWS))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
     curved = random.normal(size=(4, NUM_WINDOWS)) * time[:, None] ** 2
-    begun = np.stack(
+    forecast_at_constant_rates = np.stack(
         [state[1] + time * state[7], state[5] + time * state[11], state[9] + 0.0 * time, 9.8 + 0.0 * time * state[0]], 1
     )
-    measured = np.concatenate([random.normal(size=(NUM_SETTLING_SAMPLES, 4, NUM_WINDOWS)), begun + curved])
-    misses = np.zeros((NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES, 4, 1, NUM_WINDOWS))
+    measured = np.concatenate(
+        [random.normal(size=(NUM_SETTLING_SAMPLES, 4, NUM_WINDOWS)), forecast_at_constant_rates + curved]
+    )
+    prediction_errors = np.zeros((NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES, 4, 1, NUM_WINDOWS))
     for i, fraction in enumerate((0.5, 0.1, 0.0, 1.0)):
-        misses[NUM_SETTLING_SAMPLES:, i, 0] = fraction * curved[:, i]
-    kept = {}
+        prediction_errors[NUM_SETTLING_SAMPLES:, i, 0] = fraction * curved[:, i]
+    last_call = {}
 
-    def errors(parameters, gains, keep):
-        kept.update(parameters=parameters, gain=gains.gain, keep=keep)
-        return misses, state[:, None]
+    def errors(parameters, gains, return_state_at):
+        last_call.update(parameters=parameters, gain=gains.gain, return_state_at=return_state_at)
+        return prediction_errors, state[:, None]
 
-    counted = np.arange(NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES) >= NUM_SETTLING_SAMPLES
+    evaluated = np.arange(NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES) >= NUM_SETTLING_SAMPLES
     gains = Gains(gain=np.ones((NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES, 12, 4, NUM_WINDOWS)))
-    made = SimpleNamespace(
+    stub = SimpleNamespace(
         gains=lambda parameters, noise: gains,
         errors=errors,
         measured=measured,
-        counted=counted,
+        evaluated=evaluated,
         period=PERIOD,
         outputs=OUTPUTS,
     )
-    return made, kept, curved, state
+    return stub, last_call, curved, state
 
 
 def test_the_explained_variance_of_a_forecast_is_relative_to_a_motion_at_constant_rates(predictor):
     """The baseline has constant velocity, constant angular rates, constant body rates and the mean specific force."""
-    made, _, curved, state = predictor
-    found = forecast(made, np.array([1.0, 2.0]), NOISE)
-    explained = [output.explained_variance for output in found]
+    stub, _, curved, state = predictor
+    actual = forecast(stub, np.array([1.0, 2.0]), NOISE)
+    explained = [output.explained_variance for output in actual]
     expected = [1.0 - 0.5**2, 1.0 - 0.1**2, 1.0]
     np.testing.assert_allclose(explained[:3], expected)
-    force = made.measured[NUM_SETTLING_SAMPLES:, 3]
-    missed = np.sum(curved[:, 3] ** 2)
-    assert explained[3] == pytest.approx(1.0 - missed / np.sum((force - force.mean()) ** 2))
+    force = stub.measured[NUM_SETTLING_SAMPLES:, 3]
+    unexplained = np.sum(curved[:, 3] ** 2)
+    assert explained[3] == pytest.approx(1.0 - unexplained / np.sum((force - force.mean()) ** 2))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
-    np.testing.assert_allclose(found[0].residual.T, 0.5 * curved[:, 0], atol=1e-12)
-    np.testing.assert_allclose(found[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
+    np.testing.assert_allclose(actual[0].residual.T, 0.5 * curved[:, 0], atol=1e-12)
+    np.testing.assert_allclose(actual[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
 
 
 def test_forecast_windows_are_adjacent_in_time(predictor):
     """The outputs have the units of their signals."""
-    made, *_ = predictor
-    found = forecast(made, np.array([1.0, 2.0]), NOISE)
-    assert [output.name for output in found] == ["position y", "yaw", "body rate p", "specific force along z"]
-    assert [output.unit for output in found] == ["m", "rad", "rad/s", "m/s²"]
+    stub, *_ = predictor
+    result = forecast(stub, np.array([1.0, 2.0]), NOISE)
+    assert [output.name for output in result] == ["position y", "yaw", "body rate p", "specific force along z"]
+    assert [output.unit for output in result] == ["m", "rad", "rad/s", "m/s²"]
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)
-    for i, output in enumerate(found):
+    for i, output in enumerate(result):
         np.testing.assert_allclose(output.time, [time + time[-1] * window for window in range(NUM_WINDOWS)])
-        np.testing.assert_array_equal(output.measured, made.measured[NUM_SETTLING_SAMPLES:, i].T)
+        np.testing.assert_array_equal(output.measured, stub.measured[NUM_SETTLING_SAMPLES:, i].T)
         assert output.deviation == NOISE.measured[i]
 
 
 def test_a_forecast_ignores_measurements_after_the_filter_has_settled(predictor):
-    made, kept, *_ = predictor
-    forecast(made, np.array([1.0, 2.0]), NOISE)
-    np.testing.assert_array_equal(kept["gain"][:NUM_SETTLING_SAMPLES], 1.0)
-    np.testing.assert_array_equal(kept["gain"][NUM_SETTLING_SAMPLES:], 0.0)
-    assert kept["keep"] == NUM_SETTLING_SAMPLES
-    np.testing.assert_array_equal(kept["parameters"], [[1.0, 2.0]])
+    stub, last_call, *_ = predictor
+    forecast(stub, np.array([1.0, 2.0]), NOISE)
+    np.testing.assert_array_equal(last_call["gain"][:NUM_SETTLING_SAMPLES], 1.0)
+    np.testing.assert_array_equal(last_call["gain"][NUM_SETTLING_SAMPLES:], 0.0)
+    assert last_call["return_state_at"] == NUM_SETTLING_SAMPLES
+    np.testing.assert_array_equal(last_call["parameters"], [[1.0, 2.0]])
 
 
 @pytest.mark.parametrize(
-    ("signal", "column", "words"),
+    ("signal", "column", "message"),
     [
         ("attitude", 0, "roll"),
         ("attitude", 2, "yaw"),
@@ -105,5 +107,5 @@ def test_a_forecast_ignores_measurements_after_the_filter_has_settled(predictor)
         (FORCE, 1, "specific force along y"),
     ],
 )
-def test_forecast_outputs_are_named_by_signal_and_axis(signal, column, words):
-    assert output_name(signal, column) == words
+def test_forecast_outputs_are_named_by_signal_and_axis(signal, column, message):
+    assert output_name(signal, column) == message

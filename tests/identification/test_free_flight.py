@@ -1,4 +1,4 @@
-"""The part of a log in free flight, and predictions of flights with a take-off."""
+"""Tests of the detection of free flight in a log, and of predictions that begin at a take-off."""
 
 from dataclasses import replace
 
@@ -43,11 +43,11 @@ def test_a_log_whose_rotors_do_not_idle_at_either_end_is_in_the_air_throughout(c
 
 
 def test_a_log_may_begin_or_end_in_the_air():
-    whole = free_flight(record_of())
+    complete = free_flight(record_of())
     landing = free_flight(record_of(HEIGHT[400:], REFERENCE[400:], COMMAND[400:]))
-    assert landing == FreeFlight(0, whole.end - 400, None)
+    assert landing == FreeFlight(0, complete.end - 400, None)
     take_off = free_flight(record_of(HEIGHT[:500], REFERENCE[:500], COMMAND[:500]))
-    assert take_off == FreeFlight(whole.first, 500, whole.lift_off)
+    assert take_off == FreeFlight(complete.first, 500, complete.lift_off)
 
 
 @pytest.mark.parametrize("height", [np.full(1000, 0.3), 0.3 + 0.2 * (HEIGHT - 0.3)])
@@ -58,7 +58,7 @@ def test_a_vehicle_that_never_flies_is_refused(height):
         free_flight(record_of(height))
 
 
-def test_two_samples_are_the_shortest_flight():
+def test_a_flight_has_at_least_two_samples():
     """Free flight is more than 0.25 m above the ground, which is at 0.3 m."""
     height = np.where((TIME > 2.0) & (TIME < 6.0), 0.55, 0.3)
     for count in (1, 2):
@@ -90,8 +90,8 @@ def test_lift_off_is_where_the_height_above_the_ground_exceeds_three_millimetres
 def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_off():
     """The rotors idle for a second, in which the estimated height rises by 2 cm. It stays constant until 2 s."""
     drifted = np.interp(TIME, [0.0, 1.0], [0.0, 0.02])
-    found = free_flight(record_of(HEIGHT + drifted))
-    assert 0.01 * found.lift_off == pytest.approx(2.0, abs=0.011)
+    result = free_flight(record_of(HEIGHT + drifted))
+    assert 0.01 * result.lift_off == pytest.approx(2.0, abs=0.011)
 
 
 @pytest.fixture(scope="module")
@@ -103,24 +103,24 @@ def take_off(diagrams):
     flight = simulate(scenario, compiled=True)
     state, reference = flight.record("measurement"), flight.record("reference")
     command = flight["rotor_speed_command"]
-    flown = FlightRecord(
+    log = FlightRecord(
         "log",
         flight.time,
         position=np.column_stack([state.x, state.y, state.z]),
         reference_position=np.column_stack([reference.x, reference.y, reference.z]),
         rotor_speed_command=command,
     )
-    ground = round(1.0 / flown.period)
+    ground = round(1.0 / log.period)
 
     def prefixed(values, first):
         return np.vstack([np.tile(first, (ground, 1)), values])
 
-    lead = flown.period * np.arange(ground)
+    lead = log.period * np.arange(ground)
     return scenario, FlightRecord(
         "log",
-        np.append(lead, lead[-1] + flown.period + flown.time),
-        position=prefixed(flown.position, flown.position[0]),
-        reference_position=prefixed(flown.reference_position, [0.0, 0.0, 0.0]),
+        np.append(lead, lead[-1] + log.period + log.time),
+        position=prefixed(log.position, log.position[0]),
+        reference_position=prefixed(log.reference_position, [0.0, 0.0, 0.0]),
         rotor_speed_command=prefixed(command, np.zeros(4)),
     )
 
@@ -128,20 +128,19 @@ def take_off(diagrams):
 def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
     """The log was flown by the predicted vehicle. The time of the lift-off is known to a few samples only."""
     scenario, record = take_off
-    found = compare_with_log(record, scenario, samples=1)
-    assert 1.0 < found.time[0] < 1.6
-    assert np.abs(found.logged_error).max() > 0.4
-    rmse = found.predicted_statistics().rmse[0]
-    np.testing.assert_allclose(rmse[:2], found.logged_statistics.rmse[:2], rtol=0.01)
+    result = compare_with_log(record, scenario, samples=1)
+    assert 1.0 < result.time[0] < 1.6
+    assert np.abs(result.logged_error).max() > 0.4
+    rmse = result.predicted_statistics().rmse[0]
+    np.testing.assert_allclose(rmse[:2], result.logged_statistics.rmse[:2], rtol=0.01)
     # If the prediction did not start at the vehicle's position, the error along z would be 2 cm.
-    np.testing.assert_allclose(rmse[2], found.logged_statistics.rmse[2], rtol=0.4)
-    np.testing.assert_allclose(found.predicted[0][-100:], found.logged_error[-100:], atol=5e-3)
+    np.testing.assert_allclose(rmse[2], result.logged_statistics.rmse[2], rtol=0.4)
+    np.testing.assert_allclose(result.predicted[0][-100:], result.logged_error[-100:], atol=5e-3)
 
 
 @pytest.mark.slow
 def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_logged(diagrams):
-    """If the reference counted as constant for 0.2 s, a vehicle without error would seem to have an error of up to 20
-    cm."""
+    """If the reference counted as constant for 0.2 s, a perfect vehicle would seem to have an error of up to 20 cm."""
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     flight = simulate(scenario, compiled=True)
     state, reference = flight.record("measurement"), flight.record("reference")
@@ -153,12 +152,12 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
     )
     rows = np.searchsorted(record.time, 0.2 * np.floor(record.time / 0.2 + 1e-9) - 1e-9)
     slow = replace(record, reference_position=record.reference_position[rows], reference_period=0.2)
-    fast, found = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
-    assert len(found.time) > 0.9 * len(fast.time)
-    at = np.searchsorted(fast.time, found.time)
-    np.testing.assert_allclose(found.logged_error, fast.logged_error[at], atol=4e-3)
+    fast, result = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
+    assert len(result.time) > 0.9 * len(fast.time)
+    rows_in_fast = np.searchsorted(fast.time, result.time)
+    np.testing.assert_allclose(result.logged_error, fast.logged_error[rows_in_fast], atol=4e-3)
     np.testing.assert_allclose(
-        found.predicted_statistics().rmse[0, -1], fast.predicted_statistics().rmse[0, -1], rtol=0.1, atol=1e-3
+        result.predicted_statistics().rmse[0, -1], fast.predicted_statistics().rmse[0, -1], rtol=0.1, atol=1e-3
     )
 
 
@@ -174,6 +173,6 @@ def test_samples_after_a_landing_are_not_compared(take_off):
         reference_position=np.vstack([record.reference_position, np.zeros((after, 3))]),
         rotor_speed_command=np.vstack([record.rotor_speed_command, np.zeros((after, 4))]),
     )
-    found = compare_with_log(landed, scenario, samples=1)
-    assert found.time[-1] == record.time[-1]
-    np.testing.assert_array_equal(found.logged_error, compare_with_log(record, scenario, samples=1).logged_error)
+    result = compare_with_log(landed, scenario, samples=1)
+    assert result.time[-1] == record.time[-1]
+    np.testing.assert_array_equal(result.logged_error, compare_with_log(record, scenario, samples=1).logged_error)

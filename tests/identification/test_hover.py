@@ -1,4 +1,4 @@
-"""Noise, trim and delay of a log, compared with the values of the synthetic data."""
+"""Tests of the noise, trim and delay that are estimated from a log, with synthetic data."""
 
 import numpy as np
 import pytest
@@ -51,20 +51,20 @@ def test_a_log_that_begins_in_the_air_gives_no_noise_at_rest(record):
 
 
 def test_trim_is_the_mean_over_samples_in_hover(record):
-    found = hover_means(record, WEIGHT)
-    assert found["mean roll"].value == pytest.approx(0.02, abs=4.0 * found["mean roll"].deviation)
-    assert found["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
-    assert found["mean torque about y"].value == pytest.approx(-2e-5, rel=0.02)
-    assert found["mean thrust"].value == pytest.approx(0.3)
-    assert found["mean roll"].deviation < 5e-4
+    result = hover_means(record, WEIGHT)
+    assert result["mean roll"].value == pytest.approx(0.02, abs=4.0 * result["mean roll"].deviation)
+    assert result["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
+    assert result["mean torque about y"].value == pytest.approx(-2e-5, rel=0.02)
+    assert result["mean thrust"].value == pytest.approx(0.3)
+    assert result["mean roll"].deviation < 5e-4
     moving = (TIME > 15.5) & (TIME < 17.0)
     assert hover_means(record.subset(moving), WEIGHT) == {}
 
 
 def test_the_delay_between_attitude_command_and_attitude_is_found(record):
     assert delay_by_correlation(record) == pytest.approx(0.12, abs=0.03)
-    bare = FlightRecord("bare", TIME, attitude=record.attitude)
-    assert delay_by_correlation(bare) is None
+    without_command = FlightRecord("bare", TIME, attitude=record.attitude)
+    assert delay_by_correlation(without_command) is None
 
 
 def hovering(seconds=20.0, **signals):
@@ -84,14 +84,14 @@ def test_noise_is_estimated_only_far_from_take_off_and_landing():
     (noise,) = white_noise(logged)
     np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
     # The noise in flight is estimated between 9 s and 19 s. Samples near take-off and landing are not used.
-    loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
-    position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
+    deviation = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
+    position = deviation[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
     (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
     np.testing.assert_allclose(noise.at_rest, [1e-3, 2e-3, 3e-3], rtol=0.1)
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
 
 
-def test_noise_is_the_size_of_third_differences_over_the_norm_of_their_coefficients():
+def test_noise_is_the_magnitude_of_third_differences_divided_by_the_norm_of_their_coefficients():
     """The third differences of an alternating signal are eight times its amplitude."""
     values = 1e-3 * np.outer(np.where(np.arange(400) % 2, 1.0, -1.0), [1.0, 2.0, 3.0])
     (noise,) = white_noise(FlightRecord("log", 0.01 * np.arange(400), position=values))
@@ -101,15 +101,17 @@ def test_noise_is_the_size_of_third_differences_over_the_norm_of_their_coefficie
 def test_noise_is_not_estimated_across_a_gap_or_from_few_samples():
     """Third differences need four successive samples."""
     random = np.random.default_rng(3)
-    whole = hovering(position=1e-3 * random.normal(size=(2000, 3)))
-    jumping = whole.position + np.where(whole.time > 10.0, 5.0, 0.0)[:, None]
-    late = whole.time + np.where(whole.time > 10.0, 0.02, 0.0)
-    (noise,) = (each for each in white_noise(FlightRecord("gap", late, position=jumping)) if each.signal == "position")
+    log = hovering(position=1e-3 * random.normal(size=(2000, 3)))
+    jumping = log.position + np.where(log.time > 10.0, 5.0, 0.0)[:, None]
+    time_with_gap = log.time + np.where(log.time > 10.0, 0.02, 0.0)
+    (noise,) = (
+        each for each in white_noise(FlightRecord("gap", time_with_gap, position=jumping)) if each.signal == "position"
+    )
     np.testing.assert_allclose(noise.in_flight, 1e-3, rtol=0.1)
     # 30 differences are enough: 33 samples have 30 of them, and 32 samples have 29.
-    for count, told in ((33, True), (32, False)):
-        (noise,) = white_noise(FlightRecord("short", whole.time[:count], position=whole.position[:count]))
-        assert np.isfinite(noise.in_flight).all() == told
+    for count, is_estimated in ((33, True), (32, False)):
+        (noise,) = white_noise(FlightRecord("short", log.time[:count], position=log.position[:count]))
+        assert np.isfinite(noise.in_flight).all() == is_estimated
         assert np.isnan(noise.at_rest).all()
 
 
@@ -137,18 +139,18 @@ def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
     random = np.random.default_rng(4)
     torque = random.normal(size=(2000, 3))
     logged = hovering(torque_command=torque)
-    found = hover_means(logged, WEIGHT)
+    result = hover_means(logged, WEIGHT)
     means = torque.reshape(40, 50, 3).mean(axis=1)
     for i, axis in enumerate("xyz"):
-        spread = found[f"mean torque about {axis}"]
+        spread = result[f"mean torque about {axis}"]
         assert spread.value == pytest.approx(torque[:, i].mean())
         assert spread.deviation == pytest.approx(np.std(means[:, i], ddof=1) / np.sqrt(40))
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
-    assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
-    assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
+    assert (result["mean roll"].unit, result["mean thrust"].unit) == ("rad", "N")
+    assert {*result} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
     # If a command is not logged, the result contains no trim for it.
-    bare = hovering(thrust_command=None)
-    assert {*hover_means(bare, WEIGHT)} == {"mean roll", "mean pitch"}
+    without_thrust = hovering(thrust_command=None)
+    assert {*hover_means(without_thrust, WEIGHT)} == {"mean roll", "mean pitch"}
     # At least one second of hover is required.
     assert hover_means(hovering(1.0), WEIGHT)
     assert not hover_means(hovering(0.99), WEIGHT)
@@ -169,8 +171,8 @@ def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
     attitude[:500] = np.roll(command[:500], 3, axis=0)
     logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
-    bare = FlightRecord("bare", time, attitude_command=command)
-    assert delay_by_correlation(bare) is None
+    without_attitude = FlightRecord("bare", time, attitude_command=command)
+    assert delay_by_correlation(without_attitude) is None
 
 
 def test_a_response_after_0_3_s_is_not_taken_as_a_delay():
@@ -199,12 +201,12 @@ def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller
     """A motor with 0.8 times the thrust factor K in T = K u² needs 1 / sqrt(0.8) times the throttle u."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
     throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
-    found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
-    ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
+    actual = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
+    ratio = actual["mean throttle of motor 3"].value / actual["mean throttle of motor 1"].value
     assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
     # All motors have the same thrust K u², so the squared throttle u² is proportional to 1 / K, which is averaged.
     expected = level / np.mean(1.0 / weak)
-    assert found["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
+    assert actual["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
 
 
 def test_hover_without_attitude_is_detected_from_velocity():

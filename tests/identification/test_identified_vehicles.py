@@ -29,21 +29,23 @@ from drake_quad.scenario.models import Scenario
 DELAY_IN_LABORATORY = 0.01 - 0.02
 
 
-def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
+def simulated_log(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
     """Return the log of a simulated flight, its scenario, and the initial scenario of the identification."""
     known = SYNTHETIC_FLIGHTS[kind]
     (flight,) = simulate_samples(known.simulated_scenario(diagrams, overrides), [1], compiled=True)
     return record_of(flight, known.samples_per_row), flight.scenario, known.initial_scenario(diagrams)
 
 
-def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
+def outside(identification: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
     """Return the parameters whose interval does not contain the true value, each with its error and half-width."""
-    estimates = found.estimates
+    estimates = identification.estimates
     rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
-    off = {
-        name: (value - vehicle_value(true, name), reach) for name, value, reach in rows if name in estimates.identified
+    errors = {
+        name: (value - vehicle_value(true, name), half_width)
+        for name, value, half_width in rows
+        if name in estimates.identified
     }
-    return {name: (error, reach) for name, (error, reach) in off.items() if abs(error) > reach}
+    return {name: (error, half_width) for name, (error, half_width) in errors.items() if abs(error) > half_width}
 
 
 @pytest.mark.long
@@ -52,49 +54,51 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 
     The flight is in calm air, and the predictor has the true parameters, delay and noise.
     """
-    record, scenario, _ = flown("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
+    record, scenario, _ = simulated_log("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
     sizes = WindowSizes(length=100, settle=50, warm_up=25)
     windows = split_into_windows([record], [record.time > 1.0], sizes)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
     predictor = Predictor(LogModel(scenario, [DELAY]), [record], windows, sizes, outputs, split=2)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-3), np.full(6, 0.1))
     gains = predictor.gains(np.array([DELAY_IN_LABORATORY]), noise)
-    errors = gains.errors[predictor.counted]
-    white = (gains.whitening[predictor.counted] @ errors.transpose(0, 2, 1)[..., None])[..., 0]
+    errors = gains.errors[predictor.evaluated]
+    white = (gains.whitening[predictor.evaluated] @ errors.transpose(0, 2, 1)[..., None])[..., 0]
     count = white[..., 0].size
     np.testing.assert_allclose(np.mean(white**2, axis=(0, 1)), 1.0, atol=5.0 * np.sqrt(2.0 / count))
     for lag in (1, 2, 5):
         correlation = np.mean(white[lag:] * white[:-lag], axis=(0, 1))
         np.testing.assert_allclose(correlation, 0.0, atol=5.0 / np.sqrt(count))
-    wrong = predictor.gains(np.array([0.01]), noise).errors[predictor.counted]
+    wrong = predictor.gains(np.array([0.01]), noise).errors[predictor.evaluated]
     assert np.mean(wrong**2) > 2.0 * np.mean(errors**2)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("kind", "seconds"), [("calm", 9), ("autopilot", 11)])
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str, seconds: int) -> None:
-    """At most two of about fifteen 95 % intervals do not contain the true value. Intervals of twice the width all
-    do."""
-    record, scenario, begun = flown(kind, diagrams, f"duration={seconds}")
-    found = identify([record], begun, held_out_fraction=0.0)
-    assert len(found.estimates.identified) >= 10
-    missed = outside(found, scenario)
+    """At most two of about fifteen 95 % intervals do not contain the true value.
+
+    Intervals of twice the width all do.
+    """
+    record, scenario, initial = simulated_log(kind, diagrams, f"duration={seconds}")
+    result = identify([record], initial, held_out_fraction=0.0)
+    assert len(result.estimates.identified) >= 10
+    missed = outside(result, scenario)
     assert len(missed) <= 2, missed
-    assert all(abs(error) < 2.0 * reach for error, reach in missed.values()), missed
-    assert found.delay is not None
+    assert all(abs(error) < 2.0 * half_width for error, half_width in missed.values()), missed
+    assert result.delay is not None
     true = total_delay(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
-    assert abs(found.delay.value - true) < 1.5 * found.delay.half_width
+    assert abs(result.delay.value - true) < 1.5 * result.delay.half_width
 
 
 @pytest.mark.long
 def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
     """The thrust at the voltage in flight is smaller by at least 1.4 %."""
-    record, scenario, begun = flown("battery", diagrams, "duration=9")
-    found = identify([record], begun, held_out_fraction=0.0).vehicle.vehicle.motors
-    assert found.voltage == 12.6
+    record, scenario, initial = simulated_log("battery", diagrams, "duration=9")
+    result = identify([record], initial, held_out_fraction=0.0).vehicle.vehicle.motors
+    assert result.voltage == 12.6
     assert np.all((record.of("battery_voltage")[100:] / 12.6) ** 2 < 0.986)
     throttle = np.median(record.of("motor_command"))
-    thrust, true = (np.polyval(motors.curve[::-1], throttle) for motors in (found, scenario.vehicle.motors))
+    thrust, true = (np.polyval(motors.curve[::-1], throttle) for motors in (result, scenario.vehicle.motors))
     assert thrust == pytest.approx(true, rel=0.003)
 
 
@@ -106,8 +110,8 @@ def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Pat
     duration = min(flight_duration(scenario, plan_route(scenario)), 6.0)
     flight = simulate(scenario.model_copy(update={"duration": duration}), sample=0, compiled=True)
     flight.save(tmp_path)
-    found = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_fraction=0.0)
-    assert not outside(found, flight.scenario)
+    result = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_fraction=0.0)
+    assert not outside(result, flight.scenario)
 
 
 @pytest.mark.long
@@ -117,15 +121,15 @@ def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
         "route={kind: waypoints, top_speed: null, top_acceleration: null, times: [0, 1, 2, 3, 4.2, 5, 6.5, 7.5, 9],"
         " waypoints: [[0,0,1],[0,0,1.6],[0,0,1.2],[0,0,2],[0,0,1.1],[0,0,1.5],[0,0,0.9],[0,0,1.8],[0,0,1]]}"
     )
-    own = ["vehicle.thrust_factor=3.9e-5", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
-    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [route, *own])
+    overrides = ["vehicle.thrust_factor=3.9e-5", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [route, *overrides])
     (flight,) = simulate_samples(scenario, [0], compiled=True)
     record = record_of(flight)
     heights = replace(record, attitude=None, velocity=None, body_rates=None)
-    found = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_fraction=0.0)
-    assert found.estimates.value("thrust_factor") == pytest.approx(3.9e-5, rel=0.01)
-    assert not outside(found, scenario)
-    assert "inertia[0]" not in found.estimates.names
+    result = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_fraction=0.0)
+    assert result.estimates.value("thrust_factor") == pytest.approx(3.9e-5, rel=0.01)
+    assert not outside(result, scenario)
+    assert "inertia[0]" not in result.estimates.names
 
 
 @pytest.mark.long
@@ -133,12 +137,12 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     """A log in Neural-Fly's format determines the thrust curve, and drag along x, the direction of flight."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
     scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=10", "metrics.start=0"])
-    found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_fraction=0.0)
-    missed = outside(found, scenario)
+    result = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_fraction=0.0)
+    missed = outside(result, scenario)
     assert len(missed) <= 2, missed
-    assert "body_drag.linear[0]" in found.estimates.identified
-    assert found.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
-    assert "autopilot.damping[2]" in found.estimates.not_identified
+    assert "body_drag.linear[0]" in result.estimates.identified
+    assert result.estimates.value("motors.curve[1]") == pytest.approx(18.27, rel=0.05)
+    assert "autopilot.damping[2]" in result.estimates.not_identified
 
 
 @pytest.mark.long
@@ -146,9 +150,9 @@ def test_a_log_of_hover_gives_no_thrust_curve(root: Path) -> None:
     """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
     record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")
-    found = identify([record], base, held_out_fraction=0.0).estimates
-    assert not any(name.startswith(("motors.curve", "inertia", "rotor_time")) for name in found.identified)
-    curve = [found.value(f"motors.curve[{power}]") for power in range(3)]
+    result = identify([record], base, held_out_fraction=0.0).estimates
+    assert not any(name.startswith(("motors.curve", "inertia", "rotor_time")) for name in result.identified)
+    curve = [result.value(f"motors.curve[{power}]") for power in range(3)]
     thrust = np.polyval(curve[::-1], np.linspace(0.0, 1.0, 50))
     assert np.all(thrust >= 0.0)
     assert np.all(np.diff(thrust) >= 0.0)
@@ -182,11 +186,11 @@ def test_identified_crazyflie_parameters_agree_with_published_values() -> None:
     assert lag == pytest.approx(0.072, abs=0.007)
     assert estimates.value("inertia[0]") == pytest.approx(1.029e-5, rel=0.2)
     assert estimates.value("inertia[1]") == pytest.approx(1.105e-5, rel=0.2)
-    places = [estimates.names.index(f"motors.curve[{i}]") for i in range(3)]
-    elsewhere = estimates.for_new_flight()
-    covariance = elsewhere.covariance[np.ix_(places, places)]
-    reach = scipy.stats.t.ppf(0.975, np.asarray(elsewhere.degrees_of_freedom)[places].min())
+    indices = [estimates.names.index(f"motors.curve[{i}]") for i in range(3)]
+    for_new_flight = estimates.for_new_flight()
+    covariance = for_new_flight.covariance[np.ix_(indices, indices)]
+    quantile = scipy.stats.t.ppf(0.975, np.asarray(for_new_flight.degrees_of_freedom)[indices].min())
     for throttle in (0.3, 0.4, 0.5, 0.6, 0.7, 0.85):
         powers = throttle ** np.arange(3.0)
-        published, value = powers @ [0.0227, -0.0119, 0.1284], powers @ estimates.values[places]
-        assert abs(value - published) < reach * np.sqrt(powers @ covariance @ powers), throttle
+        published, value = powers @ [0.0227, -0.0119, 0.1284], powers @ estimates.values[indices]
+        assert abs(value - published) < quantile * np.sqrt(powers @ covariance @ powers), throttle

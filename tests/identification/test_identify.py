@@ -1,4 +1,4 @@
-"""Outputs, candidate parameters and error messages of an identification."""
+"""Tests of the outputs, candidate parameters and error messages of an identification."""
 
 from types import SimpleNamespace
 
@@ -49,18 +49,18 @@ def attitudes(root):
     ],
 )
 def test_measurements_are_predicted_and_derived_signals_are_not(logged, predicted):
-    found = prepared_logs._outputs([record(1.0, *logged)], False)
-    assert found == [Output(name, column) for name in predicted for column in range(3)]
+    result = prepared_logs._outputs([record(1.0, *logged)], False)
+    assert result == [Output(name, column) for name in predicted for column in range(3)]
 
 
 def test_only_signals_that_all_logs_have_are_predicted():
-    found = prepared_logs._outputs(
+    result = prepared_logs._outputs(
         [record(1.0, *POSE_SIGNALS, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False
     )
-    assert {output.signal for output in found} == {"body_rates", FORCE}
+    assert {output.signal for output in result} == {"body_rates", FORCE}
     # An attitude that lags because an estimator computes it is not predicted, but the body rates of the gyroscope are.
-    found = prepared_logs._outputs([record(1.0, *POSE_SIGNALS, "body_rates")], True)
-    assert {output.signal for output in found} == {"position", "body_rates"}
+    result = prepared_logs._outputs([record(1.0, *POSE_SIGNALS, "body_rates")], True)
+    assert {output.signal for output in result} == {"position", "body_rates"}
     assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
     with pytest.raises(InputError, match="to identify a vehicle, logs need body_rates with specific_force, attitude"):
         prepared_logs._outputs([record(1.0, "specific_force")], False)
@@ -141,12 +141,12 @@ def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
     """Nothing is divided by a variance of zero; a NumPy warning would fail the test."""
     vehicle = rotors.vehicle
     speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
-    still = record(6.0, *POSE_SIGNALS, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
-    found = identify([still], rotors)
-    assert found.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
-    assert "thrust_factor" in found.estimates.identified
-    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_identified}
-    assert np.isfinite(found.estimates.intervals()).all()
+    log = record(6.0, *POSE_SIGNALS, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
+    result = identify([log], rotors)
+    assert result.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
+    assert "thrust_factor" in result.estimates.identified
+    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*result.estimates.not_identified}
+    assert np.isfinite(result.estimates.intervals()).all()
 
 
 def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
@@ -173,16 +173,18 @@ def climbing(vehicle, seconds):
     constant `LAG`, after the delay `TRANSPORT_DELAY`.
     """
     random, step = np.random.default_rng(0), 1e-3
-    count, held = round(seconds / PERIOD), round(PERIOD / step)
+    count, steps_per_sample = round(seconds / PERIOD), round(PERIOD / step)
     hover = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / (THRUST_RATIO * vehicle.thrust_factor))
-    wanted = 1.0 + 0.3 * np.sign(np.sin(2.8 * PERIOD * np.arange(count)))
-    height, climb, speed, late = 1.0, 0.0, hover, round(TRANSPORT_DELAY / step)
-    heights, commands = np.zeros(count), np.full(count * held + late, hover)
+    reference = 1.0 + 0.3 * np.sign(np.sin(2.8 * PERIOD * np.arange(count)))
+    height, climb, speed, delay_steps = 1.0, 0.0, hover, round(TRANSPORT_DELAY / step)
+    heights, commands = np.zeros(count), np.full(count * steps_per_sample + delay_steps, hover)
     for i in range(count):
         heights[i] = height
-        fraction = 1.0 + (6.0 * (wanted[i] - height) - 4.0 * climb) / vehicle.gravity
-        commands[i * held + late : (i + 1) * held + late] = hover * np.sqrt(max(0.2, fraction))
-        for command in commands[i * held : (i + 1) * held]:
+        fraction = 1.0 + (6.0 * (reference[i] - height) - 4.0 * climb) / vehicle.gravity
+        commands[i * steps_per_sample + delay_steps : (i + 1) * steps_per_sample + delay_steps] = hover * np.sqrt(
+            max(0.2, fraction)
+        )
+        for command in commands[i * steps_per_sample : (i + 1) * steps_per_sample]:
             before = speed
             speed = command + (speed - command) * np.exp(-step / LAG)
             acceleration = vehicle.gravity * ((0.5 * (before + speed) / hover) ** 2 - 1.0)
@@ -190,7 +192,7 @@ def climbing(vehicle, seconds):
             climb += step * acceleration
     position = np.zeros((count, 3))
     position[:, 2] = heights + HEIGHT_NOISE * random.normal(size=count)
-    speeds = np.tile(commands[late::held][:count, None], 4)
+    speeds = np.tile(commands[delay_steps::steps_per_sample][:count, None], 4)
     return FlightRecord("climbing", PERIOD * np.arange(count), position=position, rotor_speed_command=speeds)
 
 
@@ -198,22 +200,22 @@ def climbing(vehicle, seconds):
 def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_delay(rotors):
     """The log is from an independent simulation of one axis; the 95 % intervals contain its parameters."""
     calm = load_scenario("laboratory:low_wind", ["vehicle.linear_drag=0", "vehicle.quadratic_drag=0"])
-    found = identify([climbing(calm.vehicle, 8.0)], calm)
-    estimates = found.estimates
+    result = identify([climbing(calm.vehicle, 8.0)], calm)
+    estimates = result.estimates
     low, high = np.transpose(estimates.intervals())
     for name, true in (
         ("thrust_factor", THRUST_RATIO * calm.vehicle.thrust_factor),
         ("rotor_time_constant", LAG),
         ("rotor_aerodynamics.climb", 0.0),
     ):
-        place = estimates.names.index(name)
+        index = estimates.names.index(name)
         assert name in estimates.identified
-        assert low[place] < true < high[place], name
-    assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.half_width < 0.1 * TRANSPORT_DELAY
+        assert low[index] < true < high[index], name
+    assert abs(result.delay.value - TRANSPORT_DELAY) < result.delay.half_width < 0.1 * TRANSPORT_DELAY
     assert estimates.value("thrust_factor") == pytest.approx(THRUST_RATIO * calm.vehicle.thrust_factor, rel=1e-3)
     assert estimates.value("rotor_time_constant") == pytest.approx(LAG, rel=0.05)
     # 400 samples determine the noise to within 1 / √800.
-    assert found.noise.measured == pytest.approx([HEIGHT_NOISE], rel=0.15)
+    assert result.noise.measured == pytest.approx([HEIGHT_NOISE], rel=0.15)
 
 
 def forecast_of(*explained):
@@ -249,11 +251,11 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     ]
     values, deviations = np.array([3.1, 0.0, 0.002]), np.array([0.1, 0.01, 0.0015])
     uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
-    found = identifiability.not_identified(parameters, values, uncertainty)
-    assert "at the limit of what is physically possible" in found["linear_drag"]
+    result = identifiability.imprecise_parameters(parameters, values, uncertainty)
+    assert "at the limit of what is physically possible" in result["linear_drag"]
     # The interval of a positive parameter would extend below zero.
-    assert "its 95 % interval is 0.0020 ± 0.0031" in found["inertia[0]"]
-    assert set(found) == {"linear_drag", "inertia[0]"}
+    assert "its 95 % interval is 0.0020 ± 0.0031" in result["inertia[0]"]
+    assert set(result) == {"linear_drag", "inertia[0]"}
 
 
 def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_given(rotors):
@@ -265,17 +267,17 @@ def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_giv
     measured = np.zeros((50, 3, 1))
     measured[:, :2, 0] = time[:, None]
     outputs = [Output("position", column) for column in range(3)]
-    predictor = SimpleNamespace(outputs=outputs, measured=measured, counted=np.full(50, True), period=0.02)
+    predictor = SimpleNamespace(outputs=outputs, measured=measured, evaluated=np.full(50, True), period=0.02)
     parameters = [Parameter("linear_drag", 0.1, 0.1, 0.0), Parameter("inertia[0]", 0.01, 0.01)]
     mass = rotors.vehicle.mass
-    for push, held in ((0.1, False), (0.4, True)):
-        noise = PredictionNoise(np.ones(3), np.full(6, push), np.ones(6))
+    for force, is_below in ((0.1, False), (0.4, True)):
+        noise = PredictionNoise(np.ones(3), np.full(6, force), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.array([0.2, 0.01]))
-        found = identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted)
-        assert set(found) == ({"linear_drag"} if held else set())
-        if held:
-            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, but the drag force is only 0.2 N"
-            assert found["linear_drag"] == expected
+        actual = identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted)
+        assert set(actual) == ({"linear_drag"} if is_below else set())
+        if is_below:
+            expected = f"the disturbing force, such as wind, is {mass * force:.2g} N, but the drag force is only 0.2 N"
+            assert actual["linear_drag"] == expected
 
 
 def test_an_angle_response_is_not_identified_if_the_angle_command_is_below_the_noise():
@@ -287,9 +289,9 @@ def test_an_angle_response_is_not_identified_if_the_angle_command_is_below_the_n
     )
     parameters = [Parameter(f"autopilot.damping[{i}]", 0.5, 0.5, 0.01, 5.0) for i in range(3)]
     noise = PredictionNoise(np.full(3, 4e-3), np.ones(6), np.ones(6))
-    found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
-    assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
-    assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
+    result = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
+    assert set(result) == {"autopilot.damping[1]", "autopilot.damping[2]"}
+    assert result["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
     rates = SimpleNamespace(**{**vars(logs), "outputs": [Output("body_rates", 0)]})
     assert identifiability.unexcited_parameters(rates, parameters, SimpleNamespace(noise=noise)) == {}
 
@@ -301,28 +303,32 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
     names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")
     parameters = [Parameter(name, 0.1, 0.1) for name in names]
 
-    def held(position, force, *, outputs=outputs, first=0):
+    def parameters_below(position, force, *, outputs=outputs, first=0):
         predictor = SimpleNamespace(
-            outputs=outputs, measured=position[:, :, None], counted=np.arange(200) >= first, period=0.02
+            outputs=outputs, measured=position[:, :, None], evaluated=np.arange(200) >= first, period=0.02
         )
         noise = PredictionNoise(np.ones(3), np.array([*force, 1.0, 1.0, 1.0]), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.full(5, 0.2))
         return set(identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted))
 
-    still, moving = 0.0 * time, np.sin(2.0 * time)
+    at_rest, moving = 0.0 * time, np.sin(2.0 * time)
     # The RMS speed of a sine with an amplitude of 2 m/s is √2 m/s. At 0.2 N s/m, the drag is 0.28 N.
     limit = 0.2 * np.sqrt(2.0) / rotors.vehicle.mass
-    both = np.column_stack([moving, moving, still])
-    assert held(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()
-    assert held(both, [1.1 * limit, 0.9 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
-    assert held(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
-    vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, still])
-    assert held(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    both = np.column_stack([moving, moving, at_rest])
+    assert parameters_below(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()
+    assert parameters_below(both, [1.1 * limit, 0.9 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
+    assert parameters_below(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
+    vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, at_rest])
+    assert parameters_below(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
     # Motion while the filter settles is ignored. In logs without horizontal positions, no parameter is excluded.
-    late = np.where(time[:, None] < 2.0, both, both[100])
-    assert held(late, [0.5 * limit] * 3, first=100) == {"linear_drag", "body_drag.linear[0]", "body_drag.linear[1]"}
-    assert held(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
-    assert held(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
+    moving_at_start = np.where(time[:, None] < 2.0, both, both[100])
+    assert parameters_below(moving_at_start, [0.5 * limit] * 3, first=100) == {
+        "linear_drag",
+        "body_drag.linear[0]",
+        "body_drag.linear[1]",
+    }
+    assert parameters_below(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
+    assert parameters_below(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
 
 
 def test_a_parameter_is_excited_if_its_command_varies_in_flight_in_at_least_one_log():
@@ -332,23 +338,23 @@ def test_a_parameter_is_excited_if_its_command_varies_in_flight_in_at_least_one_
         values[~flying] = 3.0 * np.arange(np.sum(~flying))[:, None]
         return record(6.0, *POSE_SIGNALS, attitude_command=values), flying
 
-    whole, half = np.full(300, True), np.arange(300) < 150
+    all_samples, first_half = np.full(300, True), np.arange(300) < 150
     parameters = [Parameter("autopilot.natural_frequency[1]", 0.5, 0.5, 0.01, 5.0), Parameter("mass", 1.0, 1.0)]
     noise = PredictionNoise(np.array([1e-9, 1e-9, 1e-9, 1e-9, 4e-3, 1e-9]), np.ones(6), np.ones(6))
     outputs = [Output(name, column) for name in POSE_SIGNALS for column in range(3)]
-    for sizes, flying, held in (
-        ([1e-3, 1e-2], [whole, whole], False),
-        ([1e-2, 1e-3], [whole, whole], False),
-        ([1e-3, 1e-3], [half, half], True),
+    for sizes, flying, is_unexcited in (
+        ([1e-3, 1e-2], [all_samples, all_samples], False),
+        ([1e-2, 1e-3], [all_samples, all_samples], False),
+        ([1e-3, 1e-3], [first_half, first_half], True),
         # A sine of amplitude a has the standard deviation a / √2.
-        ([6e-3], [half], False),
-        ([5e-3], [half], True),
-        ([6e-3, 6e-3], [half, ~whole], False),
+        ([6e-3], [first_half], False),
+        ([5e-3], [first_half], True),
+        ([6e-3, 6e-3], [first_half, ~all_samples], False),
     ):
         records, masks = zip(*map(lambda size, usable: command(size, flying=usable), sizes, flying), strict=True)
         logs = SimpleNamespace(outputs=outputs, records=records, flying=masks)
-        found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
-        assert set(found) == ({"autopilot.natural_frequency[1]"} if held else set()), sizes
+        result = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
+        assert set(result) == ({"autopilot.natural_frequency[1]"} if is_unexcited else set()), sizes
 
 
 @pytest.mark.parametrize(
@@ -360,8 +366,8 @@ def test_an_identified_parameter_has_an_interval_narrower_than_its_prior_that_ex
     """The half-width is 2.04 standard deviations for 30 degrees of freedom."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
-    found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
-    assert (found == {}) == identified
+    result = identifiability.imprecise_parameters(parameters, np.array([0.7]), uncertainty)
+    assert (result == {}) == identified
 
 
 def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, attitudes):

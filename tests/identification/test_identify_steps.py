@@ -1,4 +1,4 @@
-"""Steps of an identification before and after the fit: choice of windows and parameters, and results."""
+"""Tests of the steps before and after the fit: choice of windows and parameters, and results."""
 
 from types import SimpleNamespace
 
@@ -89,13 +89,13 @@ class Recorded:
         monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: 1e-4 * np.eye(18))
 
     def fit(self, predictor, parameters, noise, start=None):
-        found = fitted_to(predictor, parameters, noise=self.noise, seed=len(self.fits))
-        found = found._replace(values=found.values * (1.0 + 0.01 * (1 + len(self.fits))))
+        result = fitted_to(predictor, parameters, noise=self.noise, seed=len(self.fits))
+        result = result._replace(values=result.values * (1.0 + 0.01 * (1 + len(self.fits))))
         self.fits.append(
             SimpleNamespace(predictor=predictor, names=parameter_names(parameters), noise=noise, start=start)
         )
-        self.fits[-1].found = found
-        return found
+        self.fits[-1].found = result
+        return result
 
     def forecast(self, predictor, values, noise):
         self.forecasts.append((predictor, values, noise))
@@ -111,7 +111,7 @@ def times_of(predictor, log, *, settle=True):
 def test_the_forecast_is_evaluated_on_flight_that_was_not_fitted(monkeypatch, rotors):
     """The last third of the flight is held out. The final fit uses all of the flight, and starts from the first fit."""
     log, calls = log_of(24.0), Recorded(monkeypatch)
-    found = module.identify([log], rotors)
+    result = module.identify([log], rotors)
     training, final = calls.fits
     ((forecast, values, noise),) = calls.forecasts
     limit = 16.0 - 1e-9
@@ -126,35 +126,35 @@ def test_the_forecast_is_evaluated_on_flight_that_was_not_fitted(monkeypatch, ro
     assert final.noise is training.found.noise
     assert training.names == final.names
     # The vehicle of the first fit is kept for comparisons on the held-out flight.
-    assert found.training_vehicle.vehicle.thrust_factor == pytest.approx(1.01 * rotors.vehicle.thrust_factor)
-    assert found.vehicle.vehicle.thrust_factor == pytest.approx(1.02 * rotors.vehicle.thrust_factor)
-    assert len(found.outputs) == 6
+    assert result.training_vehicle.vehicle.thrust_factor == pytest.approx(1.01 * rotors.vehicle.thrust_factor)
+    assert result.vehicle.vehicle.thrust_factor == pytest.approx(1.02 * rotors.vehicle.thrust_factor)
+    assert len(result.outputs) == 6
 
 
 def test_the_parameters_are_fitted_once_if_no_flight_is_held_out(monkeypatch, rotors):
     log, calls = log_of(24.0), Recorded(monkeypatch)
-    found = module.identify([log], rotors, held_out_fraction=0.0)
+    result = module.identify([log], rotors, held_out_fraction=0.0)
     (only,) = calls.fits
-    assert (calls.forecasts, found.outputs, found.training_vehicle) == ([], (), None)
+    assert (calls.forecasts, result.outputs, result.training_vehicle) == ([], (), None)
     assert only.start is None
-    assert dict(found.estimates.explained_variance) == {}
+    assert dict(result.estimates.explained_variance) == {}
 
 
 def test_parameters_hidden_by_a_disturbance_are_fixed_in_a_further_fit(monkeypatch, rotors):
     """The vehicle hardly moves, so its drag is smaller than the disturbing force."""
-    hidden = noise_of(POSE, force=0.3)
-    calls = Recorded(monkeypatch, noise=hidden)
+    noise = noise_of(POSE, force=0.3)
+    calls = Recorded(monkeypatch, noise=noise)
     log = log_of(24.0, position=np.zeros((2400, 3)))
-    found = module.identify([log], rotors, held_out_fraction=0.0)
+    result = module.identify([log], rotors, held_out_fraction=0.0)
     first, second = calls.fits
     assert "linear_drag" in first.names
     assert second.names == [name for name in first.names if name != "linear_drag"]
-    kept = [first.names.index(name) for name in second.names]
-    np.testing.assert_array_equal(second.start, first.found.values[kept])
+    indices = [first.names.index(name) for name in second.names]
+    np.testing.assert_array_equal(second.start, first.found.values[indices])
     assert second.noise is first.found.noise
     assert second.predictor.model.names == tuple(second.names)
-    assert "linear_drag" not in found.estimates.names
-    assert found.estimates.not_identified["linear_drag"].startswith("the disturbing force, such as wind, is")
+    assert "linear_drag" not in result.estimates.names
+    assert result.estimates.not_identified["linear_drag"].startswith("the disturbing force, such as wind, is")
 
 
 @pytest.mark.parametrize(("period", "latency", "start"), [(0.01, 0, 0.01), (0.05, 0, 0.025), (0.01, 12, 0.075)])
@@ -181,12 +181,12 @@ def test_the_initial_delay_is_the_age_of_a_camera_frame_clipped_to_limits(monkey
 def test_an_identified_vehicle_has_the_estimated_values_and_the_estimated_total_delay(rotors):
     logs, _ = prepare([log_of(5.0)], rotors)
     for delay, expected in ((frame_age(rotors) + 0.013, frame_age(rotors) + 0.013), (0.0, frame_age(rotors))):
-        found = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
-        assert found.vehicle.thrust_factor == 5e-5
-        assert total_delay(found) == pytest.approx(expected)
-    kept = module._vehicle(logs, rotors, {"thrust_factor": 5e-5})
-    assert total_delay(kept) == total_delay(rotors)
-    assert kept.vehicle.motors == rotors.vehicle.motors
+        actual = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
+        assert actual.vehicle.thrust_factor == 5e-5
+        assert total_delay(actual) == pytest.approx(expected)
+    without_delay = module._vehicle(logs, rotors, {"thrust_factor": 5e-5})
+    assert total_delay(without_delay) == total_delay(rotors)
+    assert without_delay.vehicle.motors == rotors.vehicle.motors
     throttles = log_of(
         5.0, rotor_speed_command=None, motor_command=np.full((500, 4), 0.5), battery_voltage=np.full(500, 11.4)
     )
@@ -194,8 +194,8 @@ def test_an_identified_vehicle_has_the_estimated_values_and_the_estimated_total_
     assert module._vehicle(logs, scenario, {"motors.curve[1]": 2.0}).vehicle.motors.voltage == pytest.approx(11.4)
 
 
-def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None):
-    """Return the identification from a made fit, and the fit, its predictor and its parameters."""
+def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, forecast_outputs=(), reasons=None):
+    """Return the identification that follows from an artificial fit, and this fit, its predictor and its parameters."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
     parameters = module.parameters_of(
@@ -204,43 +204,43 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     names = parameter_names(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
-    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {})
-    return found, fitted, predictor, parameters
+    result = module._result(logs, scenario, predictor, parameters, fitted, forecast_outputs, reasons or {})
+    return result, fitted, predictor, parameters
 
 
 def test_estimates_have_the_uncertainty_of_the_fit_and_exclude_the_delay(monkeypatch, rotors):
-    found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
-    names, estimates = parameter_names(parameters), found.estimates
-    own = [i for i, name in enumerate(names) if name != DELAY]
-    assert estimates.names == (*(names[i] for i in own), *NOISE_NAMES)
-    np.testing.assert_array_equal(estimates.values[: len(own)], fitted.values[own])
-    np.testing.assert_array_equal(estimates.values[len(own) :], [1e-3, 4e-3])
+    actual, fitted, predictor, parameters = result_of(rotors, monkeypatch)
+    names, estimates = parameter_names(parameters), actual.estimates
+    indices = [i for i, name in enumerate(names) if name != DELAY]
+    assert estimates.names == (*(names[i] for i in indices), *NOISE_NAMES)
+    np.testing.assert_array_equal(estimates.values[: len(indices)], fitted.values[indices])
+    np.testing.assert_array_equal(estimates.values[len(indices) :], [1e-3, 4e-3])
     expected = fitted.uncertainty(window_blocks(predictor))
-    number = len(own)
-    np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(own, own)])
-    np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[own])
+    number = len(indices)
+    np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(indices, indices)])
+    np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[indices])
     # The fit gives the variance of the logarithm of each noise level, which is the relative variance of the noise
     # level. The number of measurements is the number of degrees of freedom.
     variances = np.linspace(1e-4, 2e-4, 18)[[0, 3]] * np.square([1e-3, 4e-3])
     np.testing.assert_allclose(estimates.covariance[number:, number:], np.diag(variances))
     np.testing.assert_array_equal(estimates.covariance[number:, :number], 0.0)
     np.testing.assert_array_equal(estimates.degrees_of_freedom[number:], fitted.errors.size)
-    place = names.index(DELAY)
-    assert found.delay.value == fitted.values[place]
-    assert found.delay.deviation == pytest.approx(np.sqrt(expected.covariance[place, place]))
-    assert found.delay.degrees_of_freedom == expected.degrees_of_freedom[place]
-    assert found.delay.half_width == pytest.approx(
-        quantile(expected.degrees_of_freedom[place]) * np.sqrt(expected.covariance[place, place])
+    delay_index = names.index(DELAY)
+    assert actual.delay.value == fitted.values[delay_index]
+    assert actual.delay.deviation == pytest.approx(np.sqrt(expected.covariance[delay_index, delay_index]))
+    assert actual.delay.degrees_of_freedom == expected.degrees_of_freedom[delay_index]
+    assert actual.delay.half_width == pytest.approx(
+        quantile(expected.degrees_of_freedom[delay_index]) * np.sqrt(expected.covariance[delay_index, delay_index])
     )
     # Thirty seconds give 23 windows of 1.25 s. A tenth of them is held out at a time.
-    assert found.remarks[0] == "23 windows of 1.2 s in the air were fitted"
-    assert set(found.held_out) == {*names}
+    assert actual.remarks[0] == "23 windows of 1.2 s in the air were fitted"
+    assert set(actual.held_out) == {*names}
     assert estimates.variation.covariance.shape == (number + 2, number + 2)
     assert np.isnan(np.diag(estimates.variation.covariance)[number:]).all()
     assert estimates.sources_of(0)[0].method == "prediction errors of attitude and position"
     assert estimates.sources_of(0)[0].log == "log"
-    assert found.vehicle.vehicle.inertia[1] == pytest.approx(rotors.vehicle.inertia[1])
-    assert total_delay(found.vehicle) == pytest.approx(max(0.02, frame_age(rotors)))
+    assert actual.vehicle.vehicle.inertia[1] == pytest.approx(rotors.vehicle.inertia[1])
+    assert total_delay(actual.vehicle) == pytest.approx(max(0.02, frame_age(rotors)))
 
 
 @pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
@@ -257,57 +257,59 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
         values[names.index(DELAY)] = 0.1
         return fitted._replace(jacobian=jacobian, values=values)
 
-    found, *_ = result_of(rotors, monkeypatch, change=without)
-    assert weak not in found.held_out
+    result, *_ = result_of(rotors, monkeypatch, change=without)
+    assert weak not in result.held_out
     if weak == DELAY:
-        assert found.delay is None
-        assert any(remark.startswith("the delay is not identified: its 95 % interval is") for remark in found.remarks)
-        assert DELAY not in found.estimates.not_identified
-        assert total_delay(found.vehicle) == total_delay(rotors)
+        assert result.delay is None
+        assert any(remark.startswith("the delay is not identified: its 95 % interval is") for remark in result.remarks)
+        assert DELAY not in result.estimates.not_identified
+        assert total_delay(result.vehicle) == total_delay(rotors)
     else:
-        assert found.estimates.not_identified[weak].startswith("its 95 % interval is")
-        assert weak in found.estimates.names
-        assert total_delay(found.vehicle) == pytest.approx(0.1)
+        assert result.estimates.not_identified[weak].startswith("its 95 % interval is")
+        assert weak in result.estimates.names
+        assert total_delay(result.vehicle) == pytest.approx(0.1)
 
 
 def test_logs_that_determine_nothing_but_a_delay_are_refused(monkeypatch, rotors):
-    def only(kept):
+    def only_informative(informative):
         def change(fitted, names):
             jacobian = np.zeros_like(fitted.jacobian)
-            for name in kept:
+            for name in informative:
                 jacobian[:, :, names.index(name)] = fitted.jacobian[:, :, names.index(name)]
             return fitted._replace(jacobian=jacobian)
 
         return change
 
-    for kept in ((), (DELAY,)):
+    for informative in ((), (DELAY,)):
         with pytest.raises(InputError, match="^cannot identify the vehicle: the logs determine none of its parameters"):
-            result_of(rotors, monkeypatch, change=only(kept))
-    found, *_ = result_of(rotors, monkeypatch, change=only(("thrust_factor",)))
-    assert set(found.estimates.identified) == {"thrust_factor", *NOISE_NAMES}
+            result_of(rotors, monkeypatch, change=only_informative(informative))
+    result, *_ = result_of(rotors, monkeypatch, change=only_informative(("thrust_factor",)))
+    assert set(result.estimates.identified) == {"thrust_factor", *NOISE_NAMES}
 
 
 def test_all_reasons_why_parameters_are_not_identified_are_reported(monkeypatch, rotors):
-    def quiet(fitted, names):
+    def with_small_noise(fitted, names):
         measured = fitted.noise.measured.copy()
         measured[:3] = 1.5e-5
         return fitted._replace(noise=fitted.noise._replace(measured=measured))
 
-    found, *_ = result_of(rotors, monkeypatch, change=quiet, held={"linear_drag": "wind"}, shown=forecast_of(0.7))
-    reasons = found.estimates.not_identified
+    result, *_ = result_of(
+        rotors, monkeypatch, change=with_small_noise, reasons={"linear_drag": "wind"}, forecast_outputs=forecast_of(0.7)
+    )
+    reasons = result.estimates.not_identified
     assert reasons["linear_drag"] == "wind"
     assert reasons[NOISE_NAMES[0]] == "it is below 2e-05 m or rad"
     assert reasons["mass"].startswith("motion determines forces only relative to the mass")
-    assert NOISE_NAMES[0] not in found.estimates.names
-    assert found.estimates.value(NOISE_NAMES[1]) == 4e-3
-    assert found.estimates.explained_variance["thrust_factor"].fraction == 0.7
-    assert len(found.outputs) == 6
+    assert NOISE_NAMES[0] not in result.estimates.names
+    assert result.estimates.value(NOISE_NAMES[1]) == 4e-3
+    assert result.estimates.explained_variance["thrust_factor"].fraction == 0.7
+    assert len(result.outputs) == 6
 
 
 def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch, rotors):
     monkeypatch.setattr(module, "distorted_parameters", lambda *_: {"inertia[0]": "commands are missing"})
-    found, *_ = result_of(rotors, monkeypatch)
-    assert found.estimates.not_identified["inertia[0]"] == "commands are missing"
+    result, *_ = result_of(rotors, monkeypatch)
+    assert result.estimates.not_identified["inertia[0]"] == "commands are missing"
 
 
 def test_a_parameter_is_listed_with_the_explained_variance_of_its_most_sensitive_output():
@@ -322,11 +324,13 @@ def test_a_parameter_is_listed_with_the_explained_variance_of_its_most_sensitive
     fitted = SimpleNamespace(jacobian=jacobian.reshape(3, 15, 4))
     none = np.zeros(1)
     fractions = {"x": np.nan, "z": 0.5, "pitch": 0.9}
-    shown = [ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()]
-    found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
+    forecast_outputs = [
+        ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()
+    ]
+    result = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), forecast_outputs)
     # No variance is listed for `linear_drag`, whose output x does not vary, or for the delay, which is no parameter of
     # the vehicle.
-    assert found == {"mass": ExplainedVariance(0.5, "z"), "inertia[1]": ExplainedVariance(0.9, "pitch")}
+    assert result == {"mass": ExplainedVariance(0.5, "z"), "inertia[1]": ExplainedVariance(0.9, "pitch")}
 
 
 def test_remarks_name_effects_that_a_log_cannot_distinguish():
@@ -376,14 +380,14 @@ def test_undetermined_parameters_have_a_reason():
         "quadratic_drag",
     }
     assert set(module.undetermined_parameters(rotors, [])) == {"mass"}
-    still = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0"])
-    assert set(module.undetermined_parameters(still, ["linear_drag"])) == {"mass"}
+    without_quadratic_drag = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0"])
+    assert set(module.undetermined_parameters(without_quadratic_drag, ["linear_drag"])) == {"mass"}
     assert set(module.undetermined_parameters(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 
 def test_remarks_on_clocks_and_on_fast_commands_are_listed_after_remarks_on_the_fit(monkeypatch, rotors):
-    found = module.Identification(None, rotors, (), remarks=("first",))
-    monkeypatch.setattr(module, "_identified", lambda *_: found)
+    result = module.Identification(None, rotors, (), remarks=("first",))
+    monkeypatch.setattr(module, "_identified", lambda *_: result)
     monkeypatch.setattr(module, "synchronise", lambda records: module.SynchronisedRecords(records, False, ["clocks"]))
     monkeypatch.setattr(module, "fast_command_remarks", lambda records: ["fast"])
     assert module.identify([log_of(1.0)], rotors).remarks == ("first", "clocks", "fast")
@@ -391,6 +395,6 @@ def test_remarks_on_clocks_and_on_fast_commands_are_listed_after_remarks_on_the_
 
 def test_prepared_logs_list_their_signals():
     logs = PreparedLogs([log_of(3.0)], load_scenario("hover"), POSE, [np.full(300, True)], False)
-    assert (logs.signals, logs.poses, logs.voltage) == ({"position", "attitude"}, True, None)
-    assert not logs._replace(outputs=[Output("body_rates", 0)]).poses
-    assert logs._replace(outputs=[Output("velocity", 0)]).poses
+    assert (logs.signals, logs.has_poses, logs.voltage) == ({"position", "attitude"}, True, None)
+    assert not logs._replace(outputs=[Output("body_rates", 0)]).has_poses
+    assert logs._replace(outputs=[Output("velocity", 0)]).has_poses

@@ -41,7 +41,9 @@ def test_the_filter_finds_the_biases_and_its_errors_have_the_estimated_deviation
     np.testing.assert_allclose(estimate.accelerometer_bias, [0.05, -0.1, 0.08], atol=0.03)
     settled = estimate.time > 4.0
     assert np.abs(estimate.errors.position[settled] / estimate.deviations[settled, 0:3]).max() < 3.0
-    assert estimate.lag == pytest.approx(0.01, abs=0.004)  # a sample is the rate before, not around, its time
+    # The readings lag by one tick, 20 ms. The estimate is biased towards the middle between two samples, where
+    # interpolation halves the variance of the noise.
+    assert estimate.lag == pytest.approx(0.01, abs=0.004)
 
 
 @pytest.mark.slow
@@ -51,20 +53,20 @@ def test_fewer_positions_give_larger_errors(record):
         for skipped in (0, 24)
     ]
     settled = np.arange(len(record.time) - 1) > 200
-    often, seldom = (each.root_mean_squares(settled[: len(each.tilt)]) for each in errors)
-    assert often[0] < seldom[0]
-    assert often[1] < seldom[1]
+    every_position, few_positions = (each.root_mean_squares(settled[: len(each.tilt)]) for each in errors)
+    assert every_position[0] < few_positions[0]
+    assert every_position[1] < few_positions[1]
 
 
 def test_the_lag_of_an_estimate_from_on_board_is_removed(record):
-    late = FlightRecord("late", record.time + 0.03, position=record.position + 0.002, attitude=record.attitude)
-    errors, is_flying, lag = errors_on_board(record, late)
+    delayed = FlightRecord("late", record.time + 0.03, position=record.position + 0.002, attitude=record.attitude)
+    errors, is_flying, lag = errors_on_board(record, delayed)
     assert lag == pytest.approx(0.03, abs=0.002)
     assert errors.root_mean_squares(is_flying)[0] == pytest.approx(0.002 * np.sqrt(3.0), rel=0.1)
 
 
 @pytest.mark.parametrize("missing", ["position", "attitude", "body_rates", "specific_force"])
 def test_a_log_without_a_required_signal_is_refused(record, missing):
-    kept = {name: values for name, values in record.signals() if name != missing}
+    signals = {name: values for name, values in record.signals() if name != missing}
     with pytest.raises(InputError, match=f"does not contain {missing}, which an estimate needs"):
-        estimate_logged_flight(FlightRecord("short", record.time, **kept))
+        estimate_logged_flight(FlightRecord("short", record.time, **signals))

@@ -1,4 +1,4 @@
-"""The reference of a log as a route, compared with known paths."""
+"""Tests that the reference in a log becomes a route, by comparison with known paths."""
 
 from dataclasses import replace
 
@@ -33,26 +33,28 @@ def route_path(route):
     return hermite_path(np.array([knot.time for knot in route.knots]), np.array(rows))
 
 
-def distance(found, path: PolynomialPath, start, delay=0.0):
+def distance(recovered, path: PolynomialPath, start, delay=0.0):
     time = np.linspace(0.1, path.times[-1] - 0.1, 500)
-    return np.abs(evaluate(route_path(found.route), time + start) - evaluate(path, time - delay)).max()
+    return np.abs(evaluate(route_path(recovered.route), time + start) - evaluate(path, time - delay)).max()
 
 
 def test_a_path_is_recovered_with_its_acceleration_and_jerk():
-    found = logged_reference(logged(PATH), rest=2.0)
-    assert (found.start, found.route.knots[0].time) == (2.0, 0.0)
-    assert found.deviation < 2e-3
-    assert distance(found, PATH, 2.0) < 1e-4
+    result = logged_reference(logged(PATH), rest=2.0)
+    assert (result.start, result.route.knots[0].time) == (2.0, 0.0)
+    assert result.deviation < 2e-3
+    assert distance(result, PATH, 2.0) < 1e-4
     time = np.linspace(0.2, 4.2, 300)
     for order, allowed in ((1, 1e-3), (2, 0.02), (3, 0.5)):
-        ours = evaluate(route_path(found.route), time + 2.0, order)
-        np.testing.assert_allclose(ours, evaluate(PATH, time, order), atol=allowed)
+        actual = evaluate(route_path(result.route), time + 2.0, order)
+        np.testing.assert_allclose(actual, evaluate(PATH, time, order), atol=allowed)
 
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_rounded_and_held_values_hardly_change_the_path(velocity):
-    """A path that is rounded to 1 mm and sent at 50 Hz is reconstructed to 0.5 mm. Its delay is half of the hold time
-    minus half a sample."""
+    """A path that is rounded to 1 mm and sent at 50 Hz is reconstructed to 0.5 mm.
+
+    Its delay is half of the hold time minus half a sample.
+    """
     record = logged(PATH, held=5, velocity=velocity)
     cut = FlightRecord(
         "a",
@@ -60,11 +62,11 @@ def test_rounded_and_held_values_hardly_change_the_path(velocity):
         reference_position=np.trunc(1e3 * record.reference_position) / 1e3,
         reference_velocity=record.reference_velocity,
     )
-    found = logged_reference(cut, rest=1.0)
-    assert distance(found, PATH, 1.0, delay=0.008) < 1.1e-3
-    assert found.deviation < 2e-3
+    result = logged_reference(cut, rest=1.0)
+    assert distance(result, PATH, 1.0, delay=0.008) < 1.1e-3
+    assert result.deviation < 2e-3
     # If the delay were ignored, the error would be the distance travelled during half of the hold time.
-    assert distance(found, PATH, 1.0) > 5e-3
+    assert distance(result, PATH, 1.0) > 5e-3
 
 
 def test_before_the_log_starts_the_route_rests_at_the_first_logged_position():
@@ -77,12 +79,12 @@ def test_before_the_log_starts_the_route_rests_at_the_first_logged_position():
 
 def test_a_log_that_begins_in_motion_is_preceded_by_a_run_up():
     record = logged(PATH, begin=0.7)
-    found = logged_reference(record, rest=4.0)
-    path = route_path(found.route)
+    result = logged_reference(record, rest=4.0)
+    path = route_path(result.route)
     np.testing.assert_allclose(evaluate(path, [4.0]).T[0], record.reference_position[0], atol=2e-3)
     np.testing.assert_allclose(evaluate(path, [4.0], 1).T[0], record.reference_velocity[0], atol=1e-2)
     assert np.linalg.norm(record.reference_velocity[0]) > 0.5
-    np.testing.assert_array_equal(found.route.knots[0].velocity, 0.0)
+    np.testing.assert_array_equal(result.route.knots[0].velocity, 0.0)
     # The run-up does not reverse, and hardly exceeds the speed at the first sample of the log.
     along = evaluate(path, np.linspace(0.0, 4.0, 200), 1).T @ record.reference_velocity[0]
     full = np.linalg.norm(record.reference_velocity[0]) ** 2
@@ -94,8 +96,8 @@ def test_a_log_that_begins_in_motion_is_preceded_by_a_run_up():
 def test_a_gap_is_filled_smoothly():
     """The minimum-snap path through a gap of 0.9 s stays near the true one."""
     record = logged(PATH)
-    found = logged_reference(record.subset((record.time < 1.0) | (record.time > 1.9)), rest=1.0)
-    assert distance(found, PATH, 1.0) < 0.05
+    result = logged_reference(record.subset((record.time < 1.0) | (record.time > 1.9)), rest=1.0)
+    assert distance(result, PATH, 1.0) < 0.05
 
 
 @pytest.mark.parametrize("velocity", [True, False])
@@ -109,9 +111,9 @@ def test_a_path_across_a_gap_at_the_beginning_starts_at_rest(velocity):
         reference_position=np.vstack([POINTS[:1], POINTS[:1], record.reference_position[200:]]),
         reference_velocity=speed if velocity else None,
     )
-    found = logged_reference(resting, rest=1.0)
-    assert distance(found, PATH, 1.0) < 0.02
-    first = next(knot for knot in found.route.knots if knot.time == 1.0)
+    result = logged_reference(resting, rest=1.0)
+    assert distance(result, PATH, 1.0) < 0.02
+    first = next(knot for knot in result.route.knots if knot.time == 1.0)
     np.testing.assert_allclose([first.velocity, first.acceleration, first.jerk], 0.0, atol=1e-3)
 
 
@@ -121,8 +123,8 @@ def test_the_yaw_of_the_route_is_the_unwrapped_logged_yaw():
     record = logged(PATH, end=4.0 - 1e-9, reference_yaw=(yaw + np.pi) % (2.0 * np.pi) - np.pi)
     knots = logged_reference(record, rest=1.0).route.yaw_knots
     assert (knots[0].time, knots[0].yaw_rate, knots[0].yaw) == (0.0, 0.0, knots[1].yaw)
-    found = {knot.time - 1.0: knot.yaw for knot in knots[1:]}
-    np.testing.assert_allclose([*found.values()], 3.0 + 0.8 * np.sin([*found]), atol=1e-3)
+    result = {knot.time - 1.0: knot.yaw for knot in knots[1:]}
+    np.testing.assert_allclose([*result.values()], 3.0 + 0.8 * np.sin([*result]), atol=1e-3)
 
 
 @pytest.mark.parametrize("attitude", [None, 0.3])
@@ -146,15 +148,15 @@ def jumping(*, period=0.004, **signals):
 def test_the_route_of_a_jumping_reference_consists_of_the_logged_setpoints():
     """Every logged value is held exactly from its sample to the next."""
     record = replace(jumping(), reference_yaw=np.linspace(3.0, 3.4, 1100) % (2.0 * np.pi) - 2.0 * np.pi)
-    found = logged_reference(record, rest=1.5)
-    assert (found.start, found.deviation, found.jump) == (1.5, 0.0, pytest.approx(2.4))
-    rows = np.array(found.route.setpoints)
+    result = logged_reference(record, rest=1.5)
+    assert (result.start, result.deviation, result.jump) == (1.5, 0.0, pytest.approx(2.4))
+    rows = np.array(result.route.setpoints)
     assert rows[0, 0] == 0.0
     held = rows[np.searchsorted(rows[:, 0], record.time + 1.5 + 1e-6) - 1]
     np.testing.assert_array_equal(held[:, 1:4], record.reference_position)
     np.testing.assert_allclose(np.diff(rows[:, 4]), 0.4 / 1099, rtol=1e-6)
-    assert rows[-1, 0] + found.route.last_hold == pytest.approx(record.time[-1] + 1.5, abs=1e-3)
-    assert "setpoints, each held until the next, since they jump at 2.40 s" in str(found)
+    assert rows[-1, 0] + result.route.last_hold == pytest.approx(record.time[-1] + 1.5, abs=1e-3)
+    assert "setpoints, each held until the next, since they jump at 2.40 s" in str(result)
 
 
 def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
@@ -162,18 +164,18 @@ def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
     standing = np.array([0.3, -0.2, 0.06])
     record = jumping()
     record = replace(record, position=np.tile(standing, (len(record.time), 1)))
-    found = logged_reference(record, rest=8.0, lift_off=100)
-    rows = np.array(found.route.setpoints)
+    result = logged_reference(record, rest=8.0, lift_off=100)
+    rows = np.array(result.route.setpoints)
     np.testing.assert_array_equal(rows[0], [0.0, *standing, 0.0])
-    assert found.start == pytest.approx(-record.time[100], abs=1e-3)
-    held = rows[np.searchsorted(rows[:, 0], record.time[100:] + found.start + 1e-6) - 1]
+    assert result.start == pytest.approx(-record.time[100], abs=1e-3)
+    held = rows[np.searchsorted(rows[:, 0], record.time[100:] + result.start + 1e-6) - 1]
     np.testing.assert_array_equal(held[:, 1:4], record.reference_position[100:])
 
 
 def test_a_jumping_reference_with_a_logged_velocity_is_refused_with_the_time():
     record = replace(jumping(), reference_velocity=logged(PATH).reference_velocity)
-    place = r"off by \d\d\.\d mm at 2\.\d+ s; a possible cause is a jump"
-    with pytest.raises(InputError, match=place):
+    message = r"off by \d\d\.\d mm at 2\.\d+ s; a possible cause is a jump"
+    with pytest.raises(InputError, match=message):
         logged_reference(record, rest=1.0)
 
 
@@ -188,31 +190,33 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
-    found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
+    result = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
     # The path has the smallest number of knots that are at most `spacing` apart.
-    np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
+    np.testing.assert_allclose(result.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):
         for order in range(orders):
             unit = np.zeros((5, orders, 1))
             unit[knot, order] = 1.0
-            path = hermite_path(found.times, unit)
+            path = hermite_path(result.times, unit)
             columns.append(np.concatenate([evaluate(path, time, each)[0] for each in (0, 1)]))
-    _, least, *_ = np.linalg.lstsq(np.array(columns).T, np.vstack(samples), rcond=None)
-    left = [np.sum((evaluate(found, time, each).T - samples[each]) ** 2, axis=0) for each in (0, 1)]
-    np.testing.assert_allclose(left[0] + left[1], least, rtol=1e-3)
+    _, min_squares, *_ = np.linalg.lstsq(np.array(columns).T, np.vstack(samples), rcond=None)
+    residual_squares = [np.sum((evaluate(result, time, each).T - samples[each]) ** 2, axis=0) for each in (0, 1)]
+    np.testing.assert_allclose(residual_squares[0] + residual_squares[1], min_squares, rtol=1e-3)
 
 
 def test_a_value_that_is_held_briefly_counts_once_at_the_middle_of_the_hold():
     """A value held for more than 50 ms is a rest, and each of its samples counts."""
     time = 0.01 * np.arange(17)
     values = np.array([0, 0, 0, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3], dtype=float)
-    sent, kept = reference._without_repetitions(time, [values[:, None]])
+    sent, unrepeated = reference._without_repetitions(time, [values[:, None]])
     expected = [(0.01, 0.0), (0.03, 1.0), (0.065, 2.0), *((0.01 * k, 3.0) for k in range(10, 17))]
-    np.testing.assert_allclose(np.column_stack([sent, kept[:, 0]]), expected)
+    np.testing.assert_allclose(np.column_stack([sent, unrepeated[:, 0]]), expected)
     # A sample with the same position but another velocity is not a repetition, and is kept.
-    sent, place, speed = reference._without_repetitions(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
-    np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
+    sent, position, speed = reference._without_repetitions(
+        time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])]
+    )
+    np.testing.assert_allclose(np.column_stack([sent, position[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
 
 
 def test_a_setpoint_is_held_until_the_next_one():
@@ -220,16 +224,16 @@ def test_a_setpoint_is_held_until_the_next_one():
     time = np.array([0.0, 0.1, 0.2, 0.20001, 0.3, 0.5, 0.9])
     height = np.array([1.0, 1.0, 2.0, 2.5, 2.5, 4.0, 4.0])
     position = np.column_stack([np.zeros(7), np.zeros(7), height])
-    found = reference._setpoint_reference(FlightRecord("a", time, reference_position=position), 2.0, None)
-    rows = np.array(found.route.setpoints)
+    result = reference._setpoint_reference(FlightRecord("a", time, reference_position=position), 2.0, None)
+    rows = np.array(result.route.setpoints)
     np.testing.assert_allclose(rows[:, [0, 3]], [[0.0, 1.0], [2.2, 2.0], [2.5, 4.0]])
-    assert found.route.last_hold == pytest.approx(0.4)
-    assert (found.start, found.jump) == (2.0, pytest.approx(0.5))
+    assert result.route.last_hold == pytest.approx(0.4)
+    assert (result.start, result.jump) == (2.0, pytest.approx(0.5))
     # A setpoint at the last sample is held for less than 1 ms.
     short = FlightRecord("a", time[:6], reference_position=position[:6], reference_yaw=np.array([0, 0, 3, 3, -3, -3.0]))
-    found = reference._setpoint_reference(short, 2.0, None)
-    assert 0.0 < found.route.last_hold < 1e-3
-    np.testing.assert_allclose(np.array(found.route.setpoints)[:, 4], [0.0, 3.0, 2.0 * np.pi - 3.0, 2.0 * np.pi - 3.0])
+    result = reference._setpoint_reference(short, 2.0, None)
+    assert 0.0 < result.route.last_hold < 1e-3
+    np.testing.assert_allclose(np.array(result.route.setpoints)[:, 4], [0.0, 3.0, 2.0 * np.pi - 3.0, 2.0 * np.pi - 3.0])
 
 
 def test_setpoints_begin_at_the_lift_off_with_the_yaw_of_the_reference():
@@ -238,29 +242,29 @@ def test_setpoints_begin_at_the_lift_off_with_the_yaw_of_the_reference():
     record = FlightRecord(
         "a", time, position=np.full((10, 3), 0.2), reference_position=position, reference_yaw=0.1 * np.arange(10.0)
     )
-    found = reference._setpoint_reference(record, 5.0, 4)
-    rows = np.array(found.route.setpoints)
+    result = reference._setpoint_reference(record, 5.0, 4)
+    rows = np.array(result.route.setpoints)
     np.testing.assert_allclose(rows[0], [0.0, 0.2, 0.2, 0.2, 0.4])
     np.testing.assert_allclose(rows[1:, 1], np.arange(4.0, 10.0))
     np.testing.assert_allclose(rows[1:, 4], 0.1 * np.arange(4.0, 10.0))
     np.testing.assert_allclose(np.diff(rows[1:, 0]), 0.1)
     assert 0.0 < rows[1, 0] < 1e-3
-    assert found.start == pytest.approx(rows[1, 0] - 0.4)
+    assert result.start == pytest.approx(rows[1, 0] - 0.4)
 
 
 def test_a_route_states_its_number_of_pieces_and_its_error():
-    found = logged_reference(logged(PATH))
-    pieces = len(found.route.knots) - 1
-    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the logged positions"
-    assert (found.start, found.jump, found.route.knots[0].time) == (0.0, None, 0.0)
+    result = logged_reference(logged(PATH))
+    pieces = len(result.route.knots) - 1
+    assert str(result) == f"{pieces} pieces of degree 7, within {1e3 * result.deviation:.2f} mm of the logged positions"
+    assert (result.start, result.jump, result.route.knots[0].time) == (0.0, None, 0.0)
 
 
 @pytest.mark.parametrize(("end", "pieces"), [(0.3, 1), (0.5, 1), (0.51, 2), (1.01, 3)])
 def test_knots_are_at_most_the_given_distance_apart(end, pieces):
     time = np.linspace(0.0, end, 50)
-    found = reference._fitted_path(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
-    np.testing.assert_allclose(found.times, np.linspace(0.0, end, pieces + 1))
-    np.testing.assert_allclose(evaluate(found, time)[0], np.sin(time), atol=1e-5)
+    result = reference._fitted_path(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
+    np.testing.assert_allclose(result.times, np.linspace(0.0, end, pieces + 1))
+    np.testing.assert_allclose(evaluate(result, time)[0], np.sin(time), atol=1e-5)
 
 
 def test_the_yaw_knots_cover_the_whole_route():
@@ -306,29 +310,29 @@ def test_the_approach_to_the_first_knot_accelerates_during_half_of_the_initial_p
 @pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_a_reference_whose_first_two_samples_are_equal_starts_at_rest(monkeypatch, rest):
     """If velocities are logged, the velocities of both samples must be zero as well."""
-    asked = []
+    calls = []
     fitted = reference._fitted_path
 
-    def noted(*arguments, at_rest=False, **options):
-        asked.append(at_rest)
+    def recorded_fit(*arguments, at_rest=False, **options):
+        calls.append(at_rest)
         return fitted(*arguments, at_rest=at_rest, **options)
 
-    monkeypatch.setattr(reference, "_fitted_path", noted)
+    monkeypatch.setattr(reference, "_fitted_path", recorded_fit)
     time = np.linspace(0.0, 1.0, 101)
-    still = np.tile([0.0, 0.0, 1.0], (101, 1))
-    slow, cross = still.copy(), np.zeros((101, 3))
-    slow[1:, 0] += 1e-4
-    cross[0, 1] = 1e-4
+    resting = np.tile([0.0, 0.0, 1.0], (101, 1))
+    moving, moving_sideways = resting.copy(), np.zeros((101, 3))
+    moving[1:, 0] += 1e-4
+    moving_sideways[0, 1] = 1e-4
     for position, velocity, at_rest in (
-        (still, None, True),
-        (still, np.zeros((101, 3)), True),
-        (slow, None, False),
-        (slow, np.zeros((101, 3)), False),
-        (still, cross, False),
+        (resting, None, True),
+        (resting, np.zeros((101, 3)), True),
+        (moving, None, False),
+        (moving, np.zeros((101, 3)), False),
+        (resting, moving_sideways, False),
     ):
         logged_reference(FlightRecord("a", time, reference_position=position, reference_velocity=velocity), rest=rest)
-        assert asked == [at_rest]
-        asked.clear()
+        assert calls == [at_rest]
+        calls.clear()
 
 
 def slowly_logged(record, period, *, offset=0.0):
@@ -356,11 +360,11 @@ def test_a_slowly_logged_reference_is_recovered_without_a_delay(period, velocity
         reference_position=np.vstack([np.tile(POINTS[0], (250, 1)), record.reference_position]),
         reference_velocity=np.vstack([np.zeros((250, 3)), record.reference_velocity]) if velocity else None,
     )
-    found = logged_reference(slowly_logged(rested, period, offset=0.04), rest=1.0)
-    assert found.deviation < 2e-3
-    assert (found.start, found.end) == (1.0, pytest.approx(rested.time[-1], abs=period))
+    result = logged_reference(slowly_logged(rested, period, offset=0.04), rest=1.0)
+    assert result.deviation < 2e-3
+    assert (result.start, result.end) == (1.0, pytest.approx(rested.time[-1], abs=period))
     time = np.linspace(1.0, 1.0 + record.time[-1] - 0.3, 300)
-    error = evaluate(route_path(found.route), time + 1.0) - evaluate(path, time - 1.0)
+    error = evaluate(route_path(result.route), time + 1.0) - evaluate(path, time - 1.0)
     # A path through the middle of each held value would be late by half a period, which is 4 to 9 cm at 0.9 m/s.
     assert np.abs(error).max() < 5e-3
 
@@ -370,23 +374,23 @@ def test_velocities_that_contradict_the_positions_are_ignored_and_reported():
     record = logged(PATH)
     lagging = replace(record, reference_velocity=record.reference_velocity + np.array([0.0, 0.0, 0.3]))
     for each in (lagging, slowly_logged(lagging, 0.1)):
-        found = logged_reference(each, rest=1.0)
-        assert found.velocity_deviation == pytest.approx(0.3, abs=0.05)
-        assert "not used, since they differ from the derivatives of the logged positions by up to 0.3" in str(found)
-        assert distance(found, PATH, 1.0) < 5e-3
+        result = logged_reference(each, rest=1.0)
+        assert result.velocity_deviation == pytest.approx(0.3, abs=0.05)
+        assert "not used, since they differ from the derivatives of the logged positions by up to 0.3" in str(result)
+        assert distance(result, PATH, 1.0) < 5e-3
     assert logged_reference(record, rest=1.0).velocity_deviation is None
 
 
 def test_repeated_samples_of_a_slow_reference_are_kept():
     """The log contains three equal samples of the reference at rest, before the reference moves."""
     time = 0.02 * np.arange(50)
-    place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
+    position = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
     record = FlightRecord(
-        "a", time, reference_position=np.column_stack([place, place, place]), reference_period=0.2 * 1.02
+        "a", time, reference_position=np.column_stack([position, position, position]), reference_period=0.2 * 1.02
     )
-    kept = reference._as_logged(record)
-    np.testing.assert_allclose(kept.time, [0.0, 0.2, 0.4, 0.6, 0.8], atol=1e-9)
-    np.testing.assert_array_equal(kept.reference_position[:, 0], [1.0, 1.0, 1.0, 2.0, 3.0])
+    at_logged_rate = reference._as_logged(record)
+    np.testing.assert_allclose(at_logged_rate.time, [0.0, 0.2, 0.4, 0.6, 0.8], atol=1e-9)
+    np.testing.assert_array_equal(at_logged_rate.reference_position[:, 0], [1.0, 1.0, 1.0, 2.0, 3.0])
     fast = replace(record, reference_period=0.05)
     assert reference._as_logged(fast) is fast
 
@@ -409,24 +413,26 @@ def test_a_smooth_reference_begins_at_the_lift_off():
     """PX4 commands a descending reference on the ground, which jumps to the position of the vehicle at take-off."""
     record = logged(PATH)
     record = replace(record, position=record.reference_position)
-    place, speed = record.reference_position.copy(), record.reference_velocity.copy()
-    place[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
-    found = logged_reference(
-        replace(record, reference_position=place, reference_velocity=speed), rest=2.0, lift_off=300
+    position, speed = record.reference_position.copy(), record.reference_velocity.copy()
+    position[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
+    result = logged_reference(
+        replace(record, reference_position=position, reference_velocity=speed), rest=2.0, lift_off=300
     )
-    assert found.start == pytest.approx(2.0 - record.time[300])
-    assert found.end == pytest.approx(record.time[-1])
+    assert result.start == pytest.approx(2.0 - record.time[300])
+    assert result.end == pytest.approx(record.time[-1])
     time = np.linspace(record.time[310], record.time[-1] - 0.1, 200)
-    np.testing.assert_allclose(evaluate(route_path(found.route), time + found.start), evaluate(PATH, time), atol=1e-3)
+    np.testing.assert_allclose(evaluate(route_path(result.route), time + result.start), evaluate(PATH, time), atol=1e-3)
 
 
-@pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
-def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind):
+@pytest.mark.parametrize(("distance", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
+def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(distance, kind):
     """If the vehicle lifts off far below the reference, a smooth path that starts on the reference omits the climb."""
-    flown = logged(PATH, velocity=False).reference_position
-    place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
-    standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))
-    record = FlightRecord("a", 0.004 * np.arange(len(place)), position=standing, reference_position=place)
+    path_positions = logged(PATH, velocity=False).reference_position
+    reference_position = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), path_positions])
+    position = np.tile(POINTS[0] - [0.0, 0.0, distance], (len(reference_position), 1))
+    record = FlightRecord(
+        "a", 0.004 * np.arange(len(reference_position)), position=position, reference_position=reference_position
+    )
     assert logged_reference(record, rest=1.0, lift_off=150).route.kind == kind
 
 
@@ -435,8 +441,8 @@ def test_the_reference_of_a_shipped_ulog_is_a_path_with_small_accelerations(root
     record = read_log(root / "tests/data/px4/sample_px4_events.ulg.xz")
     assert record.reference_period == pytest.approx(0.2, rel=0.05)
     part = free_flight(record)
-    found = logged_reference(record.subset(slice(part.end)), rest=8.0, lift_off=part.lift_off)
-    path = route_path(found.route)
+    result = logged_reference(record.subset(slice(part.end)), rest=8.0, lift_off=part.lift_off)
+    path = route_path(result.route)
     time = np.linspace(8.0, path.times[-1], 500)
     assert np.abs(evaluate(path, time, 2)).max() < 4.0
     assert 0.8 < evaluate(path, time, 1)[2].max() < 1.1

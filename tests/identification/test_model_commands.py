@@ -1,4 +1,4 @@
-"""Commands that drive the model: logged commands, or the firmware's allocation of thrust and torque."""
+"""Tests of the commands that drive the model: logged commands, or thrust and torque that the firmware allocates."""
 
 from dataclasses import replace
 
@@ -54,10 +54,10 @@ def responding(root):
 def test_thrust_and_torque_are_allocated_as_by_the_firmware(flight, record):
     """The link delays commands by two ticks. The parameters of the identified vehicle do not change the allocation."""
     wrench_alone = replace(record, rotor_speed_command=None)
-    found = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
-    np.testing.assert_allclose(found[:-2], record.rotor_speed_command[2:], rtol=1e-9)
+    result = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
+    np.testing.assert_allclose(result[:-2], record.rotor_speed_command[2:], rtol=1e-9)
     lighter = with_vehicle_values(flight.scenario, {"thrust_factor": 2e-5})
-    np.testing.assert_array_equal(with_commands(wrench_alone, lighter, flight.scenario).rotor_speed_command, found)
+    np.testing.assert_array_equal(with_commands(wrench_alone, lighter, flight.scenario).rotor_speed_command, result)
 
 
 @pytest.mark.parametrize(("priority", "given"), [("roll_pitch", 0.1), ("thrust", 0.0)])
@@ -79,9 +79,9 @@ def test_the_firmware_reduces_the_component_without_priority(root, record, prior
 def test_logged_motor_commands_have_priority_over_allocated_commands(flight, record, responding):
     assert with_commands(record, flight.scenario, flight.scenario) is record
     vehicle, log = responding
-    found = with_commands(log, vehicle, vehicle)
-    np.testing.assert_array_equal(found.motor_command, np.tile(log.thrust_fraction[:, None], 4))
-    np.testing.assert_allclose(found.attitude_command, np.unwrap(log.attitude_command, axis=0))
+    result = with_commands(log, vehicle, vehicle)
+    np.testing.assert_array_equal(result.motor_command, np.tile(log.thrust_fraction[:, None], 4))
+    np.testing.assert_allclose(result.attitude_command, np.unwrap(log.attitude_command, axis=0))
     motors = np.random.default_rng(1).uniform(size=(len(log.time), 4))
     np.testing.assert_array_equal(
         with_commands(replace(log, motor_command=motors), vehicle, vehicle).motor_command, motors
@@ -98,7 +98,7 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add it with a thrust curve"):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add nominal.motors with a"):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
@@ -106,31 +106,32 @@ def test_a_thrust_fraction_is_relative_to_the_hover_thrust_fraction(responding):
     scenario, log = responding
     fractions, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
     weight = scenario.nominal.mass * scenario.nominal.gravity
-    told = replace(log, thrust_fraction=fractions, hover_thrust_fraction=hover)
-    np.testing.assert_allclose(thrust_of_fraction(told, weight), weight * fractions / 0.45)
-    throttles = with_commands(told, scenario, scenario).motor_command
+    with_fractions = replace(log, thrust_fraction=fractions, hover_thrust_fraction=hover)
+    np.testing.assert_allclose(thrust_of_fraction(with_fractions, weight), weight * fractions / 0.45)
+    throttles = with_commands(with_fractions, scenario, scenario).motor_command
     k_0, k_1, k_2 = scenario.nominal.motors.curve
-    total = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
+    thrust = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
     inside = (throttles < 1.0 - 1e-6).all(axis=1)
-    np.testing.assert_allclose(total[inside], (weight * fractions / 0.45)[inside])
+    np.testing.assert_allclose(thrust[inside], (weight * fractions / 0.45)[inside])
     assert inside.sum() > 10
     with pytest.raises(InputError, match="hover_thrust_fraction of the log 'responding' is zero or negative"):
-        thrust_of_fraction(replace(told, hover_thrust_fraction=0.0 * hover), weight)
+        thrust_of_fraction(replace(with_fractions, hover_thrust_fraction=0.0 * hover), weight)
 
 
 def test_a_logged_torque_is_ignored_if_the_vehicle_has_an_attitude_response(responding, record):
     scenario, _ = responding
     number = len(record.time)
-    told = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
+    with_attitudes = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
     torque = np.tile([0.1, 0.2, 0.05], (number, 1))
     one, other = (
-        with_commands(replace(told, torque_command=each), scenario, scenario).motor_command for each in (None, torque)
+        with_commands(replace(with_attitudes, torque_command=each), scenario, scenario).motor_command
+        for each in (None, torque)
     )
     np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(
-    ("left_out", "words"),
+    ("left_out", "message"),
     [
         (
             ("rotor_speed_command", "torque_command"),
@@ -139,9 +140,9 @@ def test_a_logged_torque_is_ignored_if_the_vehicle_has_an_attitude_response(resp
         (("rotor_speed_command", "thrust_command"), "but the log contains torque_command, wind$"),
     ],
 )
-def test_a_log_without_commands_is_refused(flight, record, left_out, words):
+def test_a_log_without_commands_is_refused(flight, record, left_out, message):
     without = replace(record, **dict.fromkeys(left_out))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         with_commands(without, flight.scenario, flight.scenario)
     motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
     with pytest.raises(InputError, match="the log has speeds|the log has throttles"):
@@ -161,7 +162,7 @@ def test_a_parameter_of_a_missing_effect_is_zero(flight):
 
 
 def test_a_level_vehicle_responds_to_attitude_commands(flight):
-    assert LogModel(level_vehicle(flight.scenario), ()).responds
+    assert LogModel(level_vehicle(flight.scenario), ()).has_attitude_response
 
 
 def test_measured_states_include_the_misalignment_of_markers(responding):

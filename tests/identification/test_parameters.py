@@ -1,4 +1,4 @@
-"""Candidate parameters for the outputs of a log, and their priors."""
+"""Tests of the candidate parameters for the outputs of a log, and of their priors."""
 
 import numpy as np
 import pytest
@@ -52,10 +52,10 @@ def throttles() -> Scenario:
 
 
 def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool = False) -> dict[str, Parameter]:
-    found = parameters_of(scenario, signals, has_motor_throttles=has_motor_throttles, delay=DELAY, max_delay=MAX_DELAY)
-    names = parameter_names(found)
+    result = parameters_of(scenario, signals, has_motor_throttles=has_motor_throttles, delay=DELAY, max_delay=MAX_DELAY)
+    names = parameter_names(result)
     assert len(names) == len({*names})
-    return dict(zip(names, found, strict=True))
+    return dict(zip(names, result, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,7 @@ def test_parameters_of_effects_are_candidates_if_the_vehicle_has_the_effect(
 
 
 def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Scenario) -> None:
-    """One throttle command for all motors varies around hover, so it determines only two coefficients of the thrust
-    curve."""
+    """A throttle command for all motors varies around hover, so it determines only two coefficients of the curve."""
     drag = [*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
     thrust = ["motors.curve[0]", "motors.curve[1]", "rotor_time_constant"]
     assert {*found_in(attitudes, POSE)} == {*thrust, *ATTITUDE_RESPONSE, *MARKER_MISALIGNMENT, *drag, "delay"}
@@ -127,19 +126,21 @@ def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Sce
 
 
 def test_only_individual_motor_throttles_determine_all_coefficients_of_the_thrust_curve(throttles: Scenario) -> None:
-    def powers(signals: set[str], *, own: bool) -> str:
-        return "".join(name[-2] for name in found_in(throttles, signals, has_motor_throttles=own) if "curve" in name)
+    def powers(signals: set[str], *, individual: bool) -> str:
+        return "".join(
+            name[-2] for name in found_in(throttles, signals, has_motor_throttles=individual) if "curve" in name
+        )
 
-    assert powers(POSE, own=True) == powers(IMU, own=True) == "012"
-    assert powers(POSE, own=False) == "01"
-    assert powers({"position"}, own=True) == powers({"position"}, own=False) == "02"
+    assert powers(POSE, individual=True) == powers(IMU, individual=True) == "012"
+    assert powers(POSE, individual=False) == "01"
+    assert powers({"position"}, individual=True) == powers({"position"}, individual=False) == "02"
     assert "thrust_factor" not in found_in(throttles, POSE, has_motor_throttles=True)
 
 
 def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes: Scenario) -> None:
-    found = found_in(full, POSE | IMU)
+    result = found_in(full, POSE | IMU)
     vehicle = full.vehicle
-    starts = {name: found[name].start for name in (*INERTIA, *LINEAR_DRAG, *CENTRE_OF_PRESSURE, *ROTOR_PARAMETERS)}
+    starts = {name: result[name].start for name in (*INERTIA, *LINEAR_DRAG, *CENTRE_OF_PRESSURE, *ROTOR_PARAMETERS)}
     assert starts == dict(
         zip(
             starts,
@@ -148,10 +149,10 @@ def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes:
         )
     )
     # The prior mean of an effect that the scenario lacks is zero.
-    assert all(found[name].start == 0.0 for name in QUADRATIC_DRAG)
+    assert all(result[name].start == 0.0 for name in QUADRATIC_DRAG)
     behind = found_in(attitudes, POSE)
     assert [behind[name].start for name in ATTITUDE_RESPONSE] == [6.0, 7.0, 3.0, 0.48, 0.48, 0.48]
-    for delay in (found["delay"], behind["delay"]):
+    for delay in (result["delay"], behind["delay"]):
         assert (delay.start, delay.lower, delay.upper) == (DELAY, -MAX_DELAY, MAX_DELAY)
         # The prior allows delays that are one camera frame or one tick of the link longer, but not a delay of a second.
         assert 0.005 <= delay.scale <= 0.05
@@ -161,19 +162,19 @@ def test_the_prior_standard_deviation_of_a_positive_parameter_is_about_its_value
     full: Scenario, attitudes: Scenario
 ) -> None:
     """Positive parameters may change by a factor of up to fifty, but not change sign."""
-    found = found_in(full, POSE | IMU) | found_in(attitudes, POSE)
+    result = found_in(full, POSE | IMU) | found_in(attitudes, POSE)
     positive = ["thrust_factor", *INERTIA, "rotor_inertia", *ATTITUDE_RESPONSE]
-    for parameter in (found[name] for name in positive):
+    for parameter in (result[name] for name in positive):
         assert parameter.lower == pytest.approx(0.02 * parameter.start)
         assert parameter.upper == pytest.approx(50.0 * parameter.start)
     for name in ("thrust_factor", *INERTIA, "rotor_inertia"):
-        assert found[name].scale == pytest.approx(found[name].start)
+        assert result[name].scale == pytest.approx(result[name].start)
     for i, name in enumerate(ATTITUDE_RESPONSE):
         # The prior standard deviation of a natural frequency is half of its value. For a damping, it is 0.5, which is
         # half of the critical damping.
-        assert found[name].scale == (0.5 * found[name].start if i < 3 else 0.5)
+        assert result[name].scale == (0.5 * result[name].start if i < 3 else 0.5)
     for name in (*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift"):
-        assert (found[name].lower, found[name].upper) == (0.0, np.inf)
+        assert (result[name].lower, result[name].upper) == (0.0, np.inf)
     for name in (
         *CENTRE_OF_MASS,
         *CENTRE_OF_PRESSURE,
@@ -182,17 +183,17 @@ def test_the_prior_standard_deviation_of_a_positive_parameter_is_about_its_value
         "motors.curve[0]",
         "motors.curve[1]",
     ):
-        assert (found[name].lower, found[name].upper) == (-np.inf, np.inf)
+        assert (result[name].lower, result[name].upper) == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize("constant", [0.0005, 0.004, 0.06, 0.3])
 def test_the_prior_of_a_time_constant_allows_errors_of_tens_of_milliseconds(constant: float) -> None:
     """The time constant stays above 2 ms, or above the value of the data sheet if that is smaller."""
-    own = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
-    found = found_in(own, POSE)["rotor_time_constant"]
-    assert 0.02 <= found.scale <= 0.1
-    assert found.lower == pytest.approx(min(constant, max(0.002, 0.02 * constant)))
-    assert found.upper == pytest.approx(50.0 * constant)
+    scenario = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
+    result = found_in(scenario, POSE)["rotor_time_constant"]
+    assert 0.02 <= result.scale <= 0.1
+    assert result.lower == pytest.approx(min(constant, max(0.002, 0.02 * constant)))
+    assert result.upper == pytest.approx(50.0 * constant)
 
 
 def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length(
@@ -205,39 +206,42 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
         return scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update=changed)})
 
     twice = larger(full, arm_length=3.0 * full.vehicle.arm_length)
-    found, other = found_in(full, POSE | IMU), found_in(twice, POSE | IMU)
+    result, other = found_in(full, POSE | IMU), found_in(twice, POSE | IMU)
     for name in (*QUADRATIC_DRAG, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
-        assert other[name].scale == pytest.approx(2.0 * found[name].scale), name
+        assert other[name].scale == pytest.approx(2.0 * result[name].scale), name
     for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE):
-        assert other[name].scale == pytest.approx(3.0 * found[name].scale)
+        assert other[name].scale == pytest.approx(3.0 * result[name].scale)
         # The prior is narrow enough that the centre of mass is very likely between the rotors.
-        assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
+        assert result[name].scale < 0.5 * arm_length_of(full.vehicle)
     # The prior does not depend on an accelerometer.
     without = found_in(full, POSE)
     for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
-        assert without[name].scale == found[name].scale
+        assert without[name].scale == result[name].scale
     # The prior standard deviation of a large drag equals the drag itself.
-    assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
+    assert result["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity
     # If the data sheet contains no drag, the prior assumes that the drag at 8 m/s is less than the weight.
-    assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
-    assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
-    assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
-    behind, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
-    assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * behind["rotor_aerodynamics.lift"].scale)
-    assert behind["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
+    assert result["body_drag.linear[1]"].scale * 8.0 < mass * gravity
+    assert result["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
+    assert result["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
+    original, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
+    assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * original["rotor_aerodynamics.lift"].scale)
+    assert original["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
     # An effect that the vehicle lacks has the same prior as an effect with zero coefficients.
     lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
-    bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
+    without_drag, light = (
+        found_in(lacking, POSE),
+        found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE),
+    )
     for name in LINEAR_DRAG:
-        assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
-        assert light[name].scale == behind[name].start
-        assert bare[name].start == 0.0
+        assert without_drag[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
+        assert light[name].scale == original[name].start
+        assert without_drag[name].start == 0.0
     # Each of four motors carries a quarter of the weight in hover.
     curve = found_in(throttles, POSE, has_motor_throttles=True)
     assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
         [0.25 * throttles.vehicle.mass * gravity] * 3
     )
-    assert [found[name].scale < 0.1 for name in MARKER_MISALIGNMENT] == [True, True]
+    assert [result[name].scale < 0.1 for name in MARKER_MISALIGNMENT] == [True, True]
     # If the data sheet contains a drag, the prior standard deviation equals this drag.
     assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].scale == 0.1

@@ -1,4 +1,4 @@
-"""Physical limits of inertia and thrust curve, as bounds of search variables."""
+"""Tests of the physical limits of inertia and thrust curve, as bounds of the search variables."""
 
 import numpy as np
 import pytest
@@ -31,23 +31,23 @@ def variables_by_name(parameters: list[Parameter], variables: np.ndarray) -> dic
 def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve() -> None:
     """I_x = m_y + m_z. The derivatives of the thrust parabola at throttles 0 and 1 are K1 and K1 + 2 K2."""
     parameters = parameters_with()
-    found = SearchVariables.of(parameters)
+    result = SearchVariables.of(parameters)
     values = values_of(parameters)
-    variables = variables_by_name(parameters, found.matrix @ values)
+    variables = variables_by_name(parameters, result.matrix @ values)
     np.testing.assert_allclose([variables[f"inertia[{i}]"] for i in range(3)], SECOND_MOMENTS)
     k_0, k_1, k_2 = CURVE
     assert [variables[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([k_0, k_1, k_1 + 2.0 * k_2])
     assert (variables["rotor_time_constant"], variables["centre_of_mass[0]"]) == (0.05, 0.01)
-    np.testing.assert_allclose(found.inverse @ (found.matrix @ values), values)
+    np.testing.assert_allclose(result.inverse @ (result.matrix @ values), values)
     # The scale of a sum is at most the sum of the scales.
-    scales = variables_by_name(parameters, found.scale)
+    scales = variables_by_name(parameters, result.scale)
     assert [scales[f"inertia[{i}]"] for i in range(3)] == pytest.approx([0.5 * (0.1 + 0.2 + 0.3)] * 3)
     assert [scales[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([1.5, 2.5, 2.5 + 2.0 * 3.5])
     assert scales["rotor_time_constant"] == pytest.approx(0.04)
 
 
 @pytest.mark.parametrize(
-    ("moments", "least"),
+    ("moments", "limits"),
     [
         # The smallest moment of inertia is 0.8, and 0.1 % of it is 0.0008.
         ([0.3, 0.5, 0.9], [0.0008, 0.0008, 0.0008]),
@@ -58,12 +58,12 @@ def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve(
     ],
 )
 def test_second_moments_are_bounded_by_a_fraction_of_the_data_sheet_values(
-    moments: list[float], least: list[float]
+    moments: list[float], limits: list[float]
 ) -> None:
     parameters = parameters_with(inertia=sum(moments) - np.array(moments))
-    found = SearchVariables.of(parameters)
-    lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
-    assert [lower[f"inertia[{i}]"] for i in range(3)] == pytest.approx(least)
+    result = SearchVariables.of(parameters)
+    lower, upper = (variables_by_name(parameters, each) for each in (result.lower, result.upper))
+    assert [lower[f"inertia[{i}]"] for i in range(3)] == pytest.approx(limits)
     assert {upper[f"inertia[{i}]"] for i in range(3)} == {np.inf}
     # Other parameters keep their bounds.
     assert (lower["rotor_time_constant"], upper["rotor_time_constant"]) == (0.002, 2.5)
@@ -78,22 +78,22 @@ def test_a_flat_vehicle_can_be_identified_from_the_data_sheet_of_a_tall_one() ->
     np.testing.assert_allclose(limits.inverse @ nearest, values_of(flat), rtol=3e-3)
 
 
-@pytest.mark.parametrize(("start", "most"), [(0.1, 0.75), (1.2, 1.2)])
+@pytest.mark.parametrize(("start", "limit"), [(0.1, 0.75), (1.2, 1.2)])
 def test_the_limit_of_the_thrust_at_zero_throttle_is_half_of_hover_or_a_larger_data_sheet_value(
-    start: float, most: float
+    start: float, limit: float
 ) -> None:
     parameters = parameters_with(curve=np.array([start, 0.7, 2.0]))
-    found = SearchVariables.of(parameters)
-    lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
+    result = SearchVariables.of(parameters)
+    lower, upper = (variables_by_name(parameters, each) for each in (result.lower, result.upper))
     assert [lower[f"motors.curve[{i}]"] for i in range(3)] == [0.0, 0.0, 0.0]
-    assert [upper[f"motors.curve[{i}]"] for i in range(3)] == [most, np.inf, np.inf]
+    assert [upper[f"motors.curve[{i}]"] for i in range(3)] == [limit, np.inf, np.inf]
 
 
 @pytest.mark.parametrize("missing", ["inertia[1]", "motors.curve[2]"])
 def test_limits_on_combinations_of_parameters_need_the_whole_inertia_or_thrust_curve(missing: str) -> None:
     parameters = [parameter for parameter in parameters_with() if parameter.name != missing]
-    found = SearchVariables.of(parameters)
-    lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
+    result = SearchVariables.of(parameters)
+    lower, upper = (variables_by_name(parameters, each) for each in (result.lower, result.upper))
     for parameter in parameters:
         if parameter.name.split("[")[0] == missing.split("[")[0]:
             assert (lower[parameter.name], upper[parameter.name]) == (parameter.lower, parameter.upper)
@@ -104,10 +104,10 @@ def test_limits_on_combinations_of_parameters_need_the_whole_inertia_or_thrust_c
 def test_a_parameter_is_at_a_limit_if_its_distance_is_below_a_thousandth_of_its_prior_scale() -> None:
     """A limit on a combination of parameters is ignored, since it does not fix any one of them."""
     parameters = parameters_with()
-    found = SearchVariables.of(parameters)
+    actual = SearchVariables.of(parameters)
 
     def limited(**changes: float) -> set[str]:
-        mask = found.limited(values_of(parameters, **changes))
+        mask = actual.limited(values_of(parameters, **changes))
         return {parameter.name for parameter, at_limit in zip(parameters, mask, strict=True) if at_limit}
 
     assert limited() == set()

@@ -1,4 +1,4 @@
-"""Position laws identified from logs, compared with the laws that flew."""
+"""Tests of position laws that are identified from logs, by comparison with the laws that were flown."""
 
 import json
 from dataclasses import replace
@@ -65,8 +65,8 @@ def flown(vehicle, *, delay=DELAY, filter_time=FILTER, limit=np.inf, noise=0.02)
     """Return the log of a PID controller with a filtered velocity; white noise in m/s² is added to the command."""
     time = PERIOD * np.arange(SAMPLES)
 
-    def measured(at):
-        reference, error = waves(at, 0.6, 0.9), waves(at + 5.0, 0.15, 2.6)
+    def measured(time_points):
+        reference, error = waves(time_points, 0.6, 0.9), waves(time_points + 5.0, 0.15, 2.6)
         return reference, [one - other for one, other in zip(reference, error, strict=True)]
 
     late = time - delay
@@ -138,15 +138,15 @@ def test_the_output_of_a_law_is_recovered_from_the_commands_in_each_form(vehicle
     upright = (output[:, 2] + GRAVITY) / np.cos(tilted[:, 0]) / np.cos(tilted[:, 1])
     forward = np.cos(measured_yaw) * output[:, 0] + np.sin(measured_yaw) * output[:, 1]
     left = np.cos(measured_yaw) * output[:, 1] - np.sin(measured_yaw) * output[:, 0]
-    made = {
+    commands = {
         "acceleration": (along, size),
         "heading": (np.column_stack([attitude_along(force, measured_yaw)[:, :2], yaw]), size),
         "decoupled": (tilted, upright),
         "projected": (along, aligned),
         "tilt": (np.column_stack([-left, forward, yaw]), output[:, 2] + GRAVITY),
     }
-    assert made.keys() == set(FORMS)
-    for form, (command, thrust) in made.items():
+    assert commands.keys() == set(FORMS)
+    for form, (command, thrust) in commands.items():
         record = FlightRecord("made", np.arange(2.0), attitude=measured, attitude_command=command)
         expected = in_heading(record, output) if form == "tilt" else output
         np.testing.assert_allclose(law_output(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
@@ -160,8 +160,7 @@ def test_the_axes_along_the_heading_are_forward_left_and_up():
 
 @pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
 def test_the_unproduced_output_is_the_output_that_the_anti_windup_of_px4_subtracts(climb):
-    """PX4 subtracts 2 / k_v times the output that the thrust does not produce from the velocity error that it
-    integrates."""
+    """PX4 integrates the velocity error minus 2 / k_v times the output that the thrust does not produce."""
     gain, mass = 3.0, 0.7
     limits = AccelerationParameters(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))
@@ -282,9 +281,9 @@ def test_samples_at_a_limit_are_distinguished_from_a_smooth_maximum():
 
 def test_logs_without_a_moving_reference_or_a_required_signal_are_refused(vehicle):
     record = flown(vehicle)
-    still = replace(record, reference_position=np.zeros((SAMPLES, 3)))
+    resting = replace(record, reference_position=np.zeros((SAMPLES, 3)))
     with pytest.raises(InputError, match="use a log with a moving reference"):
-        identify_position_law([still], vehicle)
+        identify_position_law([resting], vehicle)
     with pytest.raises(InputError, match="lacks reference_position"):
         identify_position_law([replace(record, reference_position=None)], vehicle)
     with pytest.raises(InputError, match="has no thrust command"):

@@ -1,4 +1,4 @@
-"""Conversion of identified position laws to the `control` section of a scenario."""
+"""Tests of the conversion of identified position laws to the `control` section of a scenario."""
 
 import numpy as np
 import pytest
@@ -11,15 +11,15 @@ from drake_quad.identification.results.estimates import quantile
 PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
 
 
-def law_of(*axes, form="acceleration", reach=1e-3):
+def law_of(*axes, form="acceleration", half_width=1e-3):
     """Return a law from the gains of X, Y and Z. A gain is a value, or a value with the half-width of its interval."""
-    found = []
+    result = []
     for name, gains in zip("xyz", axes, strict=True):
-        pairs = {key: value if isinstance(value, tuple) else (value, reach) for key, value in gains.items()}
-        spreads = {key: EstimatedValue(value, wide / quantile(9.0), "", 9.0) for key, (value, wide) in pairs.items()}
-        found.append(AxisLaw((name,), spreads, 0.999))
+        pairs = {key: value if isinstance(value, tuple) else (value, half_width) for key, value in gains.items()}
+        spreads = {key: EstimatedValue(value, width / quantile(9.0), "", 9.0) for key, (value, width) in pairs.items()}
+        result.append(AxisLaw((name,), spreads, 0.999))
     # The order of the axes does not matter.
-    return PositionLaw(tuple(found[::-1]), form, 0.0)
+    return PositionLaw(tuple(result[::-1]), form, 0.0)
 
 
 def control_of(*axes, **options):
@@ -92,8 +92,8 @@ def test_a_pd_feeds_forward_either_the_whole_reference_velocity_or_none_of_it(
     reference_velocity, derivative, fraction, sign
 ):
     """A feedforward between 0 and 1 gives a cascade. The feedforward does not depend on the sign of the gains."""
-    value, reach = reference_velocity
-    control = control_of(PD_GAINS | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
+    value, half_width = reference_velocity
+    control = control_of(PD_GAINS | {"velocity": sign * 3.0, "reference_velocity": (sign * value, half_width)})
     if derivative is None:
         assert control["kind"] == "pid_cascade"
         assert control["velocity_feed_forward"] == pytest.approx(fraction, rel=1e-4)
@@ -172,8 +172,11 @@ def test_a_law_that_commands_a_tilt_is_written_as_a_cascade_with_tilt_commands()
 
 
 def test_axes_of_a_cascade_have_individual_gains():
-    """The law of a cascade has the gains k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i if half of the
-    velocity is fed forward. The position loop has the gains K and K_i, and the velocity loop has k and k_i'."""
+    """Half of the velocity is fed forward.
+
+    The position loop has the gains K and K_i, and the velocity loop has the gains k and k_i'. The law of such a cascade
+    has the gains k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i.
+    """
     loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
     control = control_of(
         *(
@@ -188,18 +191,18 @@ def test_axes_of_a_cascade_have_individual_gains():
             for position, velocity, of_position, of_velocity in loops
         )
     )
-    for place, (loop, name) in enumerate(
+    for index, (loop, name) in enumerate(
         [("position", "k_p"), ("velocity", "k_p"), ("position", "k_i"), ("velocity", "k_i")]
     ):
-        np.testing.assert_allclose(control[loop][name], [each[place] for each in loops], rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(control[loop][name], [each[index] for each in loops], rtol=1e-4, atol=1e-9)
     assert control["velocity_feed_forward"] == 0.5
 
 
 def test_integral_gains_are_not_negative():
-    """Negative values that follow from the gains of the law are replaced by zero.
+    """An integral gain of a loop that would be negative is set to zero.
 
-    The integral gain of the velocity loop follows from the gain of the displacement. The integral gain of the position
-    loop follows from the rest of the integral gain of the law.
+    The displacement gain of the law determines the integral gain of the velocity loop. The rest of the law's integral
+    gain determines the integral gain of the position loop.
     """
     base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
     control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})

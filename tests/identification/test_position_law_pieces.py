@@ -1,4 +1,4 @@
-"""Stretches of flight to which a position control law is fitted, and the output of the law in a log."""
+"""Tests of the stretches of flight to which a position law is fitted, and of the output of the law in a log."""
 
 from dataclasses import replace
 
@@ -61,12 +61,12 @@ def smoothed(values):
 
 def eroded(mask):
     """Return a mask of the samples that are in the given mask with their two neighbours on each side."""
-    found = mask.copy()
+    result = mask.copy()
     for distance in (1, 2):
-        found[distance:] &= mask[:-distance]
-        found[:-distance] &= mask[distance:]
-    found[:2] = found[-2:] = False
-    return found
+        result[distance:] &= mask[:-distance]
+        result[:-distance] &= mask[distance:]
+    result[:2] = result[-2:] = False
+    return result
 
 
 def integrals(values):
@@ -85,11 +85,11 @@ def in_axes_of(form, record, values):
 
 def test_pieces_contain_the_signals_of_the_log_and_the_command_of_each_form(vehicle):
     record, remarks = record_of(), []
-    found, limited = prepared_pieces(record, vehicle, remarks)
-    assert {*found} == {*FORMS}
+    actual, limited = prepared_pieces(record, vehicle, remarks)
+    assert {*actual} == {*FORMS}
     reference, velocity, acceleration = polynomials(TIME)
     thrust = record.thrust_command / vehicle.nominal.mass
-    for form, (piece,) in found.items():
+    for form, (piece,) in actual.items():
         expected = {
             "command": law_output(record, thrust, form, vehicle.nominal.gravity),
             "error": in_axes_of(form, record, 1.5 * reference),
@@ -102,7 +102,7 @@ def test_pieces_contain_the_signals_of_the_log_and_the_command_of_each_form(vehi
             np.testing.assert_allclose(getattr(piece, name), smoothed(values), atol=1e-9, err_msg=f"{form} {name}")
         np.testing.assert_allclose(piece.travel, integrals(smoothed(expected["velocity"])), atol=1e-9)
         # A command depends on measurements up to 0.15 s before it, and smoothing on two samples on each side.
-        np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 598))
+        np.testing.assert_array_equal(np.flatnonzero(piece.evaluated), np.arange(17, 598))
     assert not limited.any()
     assert len(limited) == len(TIME)
     assert remarks == [f"the thrust is divided by the nominal mass, {vehicle.nominal.mass:g} kg"]
@@ -116,19 +116,19 @@ def test_smoothing_does_not_change_lines_and_adds_half_of_the_curvature_to_parab
     np.testing.assert_allclose(piece.error[inner], (1.5 * (reference + 0.5 * PERIOD**2 * acceleration))[inner])
     np.testing.assert_allclose(piece.velocity[inner], -0.5 * velocity[inner], atol=1e-12)
     # Except at the repeated end samples, the integral of the velocity is the displacement since the first sample.
-    way = -0.5 * (reference - reference[2])
-    np.testing.assert_allclose((piece.travel - piece.travel[2])[inner], way[inner], atol=1e-12)
+    displacement = -0.5 * (reference - reference[2])
+    np.testing.assert_allclose((piece.travel - piece.travel[2])[inner], displacement[inner], atol=1e-12)
 
 
 def test_the_deviation_is_the_position_noise_in_the_form_decoupled_and_zero_in_all_others(vehicle):
     """The deviation is the noise of the logged position plus the first position error."""
     reference, *_ = polynomials(TIME)
     wrong = 1e-3 * np.random.default_rng(7).normal(size=(600, 3))
-    found, _ = prepared_pieces(record_of(position=-0.5 * reference - wrong), vehicle, [])
-    for form, (piece,) in found.items():
+    result, _ = prepared_pieces(record_of(position=-0.5 * reference - wrong), vehicle, [])
+    for form, (piece,) in result.items():
         if form != "decoupled":
             assert not piece.deviation.any()
-    (piece,) = found["decoupled"]
+    (piece,) = result["decoupled"]
     rest = (piece.deviation - smoothed(wrong))[2:-2]
     np.testing.assert_allclose(rest, np.tile(rest[0], (len(rest), 1)), atol=1e-9)
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
@@ -137,11 +137,13 @@ def test_the_deviation_is_the_position_noise_in_the_form_decoupled_and_zero_in_a
 def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does_not_produce(
     vehicle,
 ):
-    """In the form `decoupled`, the tilt is computed for the thrust g, but the thrust is g + u_z. They produce the
-    fraction 1 + u_z / g of the horizontal output."""
+    """In the form `decoupled`, the tilt is computed for the thrust g, but the thrust is g + u_z.
+
+    They produce the fraction 1 + u_z / g of the horizontal output.
+    """
     record, gravity = record_of(), vehicle.nominal.gravity
-    found, _ = prepared_pieces(record, vehicle, [])
-    for form, (piece,) in found.items():
+    result, _ = prepared_pieces(record, vehicle, [])
+    for form, (piece,) in result.items():
         if form != "decoupled":
             assert not piece.anti_windup.any()
     output = law_output(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
@@ -150,21 +152,21 @@ def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does
     produced = (1.0 + output[sinks, 2:] / gravity) * output[sinks, :2]
     missing[sinks, :2] = output[sinks, :2] - produced
     assert 100 < sinks.sum() < 500
-    np.testing.assert_allclose(found["decoupled"][0].anti_windup, integrals(smoothed(missing)), atol=1e-12)
+    np.testing.assert_allclose(result["decoupled"][0].anti_windup, integrals(smoothed(missing)), atol=1e-12)
 
 
 def test_derivatives_that_are_not_logged_follow_from_fitted_parabolas(vehicle):
     """Smoothing does not change lines, except at the ends."""
     _, velocity, acceleration = polynomials(TIME)
-    found, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
-    (piece,) = found["acceleration"]
+    result, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
+    (piece,) = result["acceleration"]
     np.testing.assert_allclose(piece.velocity, smoothed(-0.5 * velocity), atol=1e-9)
     np.testing.assert_allclose(piece.reference_velocity, smoothed(velocity), atol=1e-9)
     np.testing.assert_allclose(piece.reference_acceleration, acceleration, atol=1e-7)
     logged = np.random.default_rng(1).normal(size=(600, 3))
     for lost in ({}, {"reference_velocity": None}):
-        found, _ = prepared_pieces(record_of(reference_acceleration=logged, **lost), vehicle, [])
-        np.testing.assert_allclose(found["heading"][0].reference_acceleration, smoothed(logged), atol=1e-12)
+        result, _ = prepared_pieces(record_of(reference_acceleration=logged, **lost), vehicle, [])
+        np.testing.assert_allclose(result["heading"][0].reference_acceleration, smoothed(logged), atol=1e-12)
 
 
 @pytest.mark.parametrize(("period", "half"), [(0.01, 5), (0.02, 2), (0.05, 2), (0.004, 12)])
@@ -172,13 +174,13 @@ def test_parabolas_last_a_tenth_of_a_second_and_have_at_least_five_samples(vehic
     """A single wrong value of 1 changes the derivative at a distance of d samples by -d / Σ d², within the parabola."""
     time = period * np.arange(round(6.0 / period))
     reference, velocity, _ = polynomials(time)
-    spoilt = len(time) // 2
-    reference[spoilt, 0] += 1e-4
-    found, _ = prepared_pieces(record_of(time, reference_position=reference, reference_velocity=None), vehicle, [])
+    wrong_sample = len(time) // 2
+    reference[wrong_sample, 0] += 1e-4
+    result, _ = prepared_pieces(record_of(time, reference_position=reference, reference_velocity=None), vehicle, [])
     distances = np.arange(-half, half + 1)
     wrong = velocity.copy()
-    wrong[spoilt - half : spoilt + half + 1, 0] -= 1e-4 * distances / np.sum(distances**2) / period
-    np.testing.assert_allclose(found["acceleration"][0].reference_velocity, smoothed(wrong), atol=1e-9)
+    wrong[wrong_sample - half : wrong_sample + half + 1, 0] -= 1e-4 * distances / np.sum(distances**2) / period
+    np.testing.assert_allclose(result["acceleration"][0].reference_velocity, smoothed(wrong), atol=1e-9)
 
 
 def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
@@ -190,9 +192,9 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     """
     reference, *_ = polynomials(TIME)
     reference[300:, 2] += 0.2
-    found, _ = prepared_pieces(record_of(reference_position=reference), vehicle, [])
-    (piece,) = found["acceleration"]
-    left_out = np.setdiff1d(np.arange(17, 598), np.flatnonzero(piece.counted))
+    result, _ = prepared_pieces(record_of(reference_position=reference), vehicle, [])
+    (piece,) = result["acceleration"]
+    left_out = np.setdiff1d(np.arange(17, 598), np.flatnonzero(piece.evaluated))
     assert np.all(np.diff(left_out) == 1)
     assert 293 <= left_out[0] < 297
     # The parabolas before and after the jump have opposite curvatures of the same size.
@@ -200,8 +202,8 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     # A reference jumps if its acceleration exceeds 50 m/s².
     for size, counts in ((49.0, True), (51.0, False)):
         bent = 0.5 * size * np.maximum(TIME - 3.0, 0.0)[:, None] ** 2 * np.array([0.0, 1.0, 0.0])
-        found, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
-        assert found["acceleration"][0].counted[400] == counts
+        result, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
+        assert result["acceleration"][0].evaluated[400] == counts
 
 
 def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicle):
@@ -212,14 +214,14 @@ def test_a_stretch_ends_at_a_gap_and_needs_two_seconds_for_the_regression(vehicl
     time = PERIOD * np.arange(700)
     time = np.concatenate([time[:217], time[230:450], time[463:680]])
     record = record_of(time)
-    found, limited = prepared_pieces(record, vehicle, [])
-    (piece,) = found["acceleration"]
+    actual, limited = prepared_pieces(record, vehicle, [])
+    (piece,) = actual["acceleration"]
     np.testing.assert_array_equal(piece.time, time[217:437])
     np.testing.assert_allclose(piece.error, smoothed(1.5 * record.reference_position[217:437]))
     thrust = record.thrust_command / vehicle.nominal.mass
     expected = smoothed(law_output(record, thrust, "acceleration", vehicle.nominal.gravity)[217:437])
     np.testing.assert_allclose(piece.command, expected, atol=1e-12)
-    np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 218))
+    np.testing.assert_array_equal(np.flatnonzero(piece.evaluated), np.arange(17, 218))
     assert len(limited) == len(time)
     with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
         prepared_pieces(record.subset(slice(217)), vehicle, [])
@@ -229,7 +231,7 @@ def test_a_stretch_of_a_slow_log_needs_sixty_samples_for_the_regression(vehicle)
     """At 20 Hz, delay and smoothing need seven samples in addition to the sixty of the regression."""
     time = 0.05 * np.arange(67)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
-    assert piece.counted.sum() == 60
+    assert piece.evaluated.sum() == 60
     with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
         prepared_pieces(record_of(time[:66]), vehicle, [])
 
@@ -239,22 +241,22 @@ def test_samples_at_a_limit_and_on_the_ground_are_not_used_in_the_regression(veh
     angles = record_of(time).attitude_command
     cut = np.column_stack([np.minimum(angles[:, 0], 0.15), angles[:, 1:]])
     thrust = np.where(time < 6.0, 0.3, 0.0) + 0.05 * np.sin(6.0 * time) * (time < 6.0)
-    found, limited = prepared_pieces(record_of(time, attitude_command=cut, thrust_command=thrust), vehicle, [])
-    (piece,) = found["acceleration"]
+    result, limited = prepared_pieces(record_of(time, attitude_command=cut, thrust_command=thrust), vehicle, [])
+    (piece,) = result["acceleration"]
     # The last second before the landing is left out.
-    assert not piece.counted[time[: len(piece.time)] > 5.0].any()
+    assert not piece.evaluated[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
     # A sample is at a limit if its distance to the limit is less than 0.5 % of the range.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
-    np.testing.assert_array_equal(piece.counted[:500], eroded(usable))
+    np.testing.assert_array_equal(piece.evaluated[:500], eroded(usable))
 
 
 def test_logs_without_motion_are_refused(vehicle):
-    still = np.zeros((600, 3))
-    almost = still + np.where(np.arange(600) < 300, 0.0, 0.019)[:, None]
-    for reference in (still, almost):
+    resting = np.zeros((600, 3))
+    almost = resting + np.where(np.arange(600) < 300, 0.0, 0.019)[:, None]
+    for reference in (resting, almost):
         with pytest.raises(InputError, match="the reference of the log 'log' does not move"):
             prepared_pieces(record_of(reference_position=reference), vehicle, [])
     moving = almost * [1.0, 1.2, 1.0]
@@ -265,13 +267,13 @@ def test_logs_without_motion_are_refused(vehicle):
 
 def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
     record, remarks = record_of(), []
-    found, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
+    actual, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
     thrust = record.thrust_command / vehicle.nominal.mass
     expected = thrust[:, None] * rotation_matrices(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
         [0.0, 0.0, vehicle.nominal.gravity]
     )
     for form in ("acceleration", "heading", "projected"):
-        np.testing.assert_allclose(found[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
+        np.testing.assert_allclose(actual[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
     assert remarks[0] == (
         "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
     )
@@ -342,8 +344,8 @@ def test_a_clipped_command_is_at_a_limit(name, sign):
     """Samples next to the limit, or at the other extreme, are not in the mask."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
-    found = limited(**{name: sign * size * cut})
-    np.testing.assert_array_equal(found, cut == 0.8)
+    result = limited(**{name: sign * size * cut})
+    np.testing.assert_array_equal(result, cut == 0.8)
     assert not limited().any()
 
 
@@ -353,29 +355,29 @@ def test_a_clipped_tilt_is_at_a_limit():
     direction = 0.037 * np.arange(2000)
     pitch = np.arcsin(np.sin(tilt) * np.cos(direction))
     roll = np.arctan2(np.sin(tilt) * np.sin(direction), np.cos(tilt))
-    found = limited(roll=roll, pitch=pitch)
-    assert found[tilt == 0.2].all()
-    assert not found[tilt < 0.199].any()
+    result = limited(roll=roll, pitch=pitch)
+    assert result[tilt == 0.2].all()
+    assert not result[tilt < 0.199].any()
 
 
 def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme():
-    at_end = np.arange(2000)
+    samples = np.arange(2000)
     spread = 0.5 * TRIANGLE
 
-    def found(here, beside, usable=None):
-        thrust = np.where(at_end < here, 1.0, spread)
+    def num_limited(at_maximum, below_maximum, usable=None):
+        thrust = np.where(samples < at_maximum, 1.0, spread)
         # The thrust has a range of 1.5. `here` samples are at the maximum. `beside` samples are below the maximum by
         # 0.75 % of the range, between the two margins of 0.5 % and 1 %.
-        thrust = np.where((at_end >= here) & (at_end < here + beside), 1.0 - 1.5 * 0.0075, thrust)
+        thrust = np.where((samples >= at_maximum) & (samples < at_maximum + below_maximum), 1.0 - 1.5 * 0.0075, thrust)
         return limited(usable, thrust=thrust).sum()
 
-    assert (found(7, 0), found(8, 0)) == (0, 8)
-    assert (found(29, 5), found(30, 5)) == (0, 30)
-    assert (found(1000, 0), found(1001, 0)) == (1000, 0)
+    assert (num_limited(7, 0), num_limited(8, 0)) == (0, 8)
+    assert (num_limited(29, 5), num_limited(30, 5)) == (0, 30)
+    assert (num_limited(1000, 0), num_limited(1001, 0)) == (1000, 0)
     # Samples on the ground are never in the mask.
-    assert found(20, 0, at_end >= 10) == 10
-    assert found(600, 0, at_end < 1000) == 0
-    assert found(15, 0, at_end >= 10) == 0
+    assert num_limited(20, 0, samples >= 10) == 10
+    assert num_limited(600, 0, samples < 1000) == 0
+    assert num_limited(15, 0, samples >= 10) == 0
 
 
 def test_a_constant_command_is_not_at_a_limit():
@@ -387,11 +389,11 @@ def test_a_constant_command_is_not_at_a_limit():
 
 @pytest.mark.parametrize(("seconds", "expected"), [(10.0, 15), (29.0, 15), (32.0, 16), (43.2, 22)])
 def test_regression_samples_are_divided_into_equal_blocks_of_two_seconds(vehicle, seconds, expected):
-    """There are at least fifteen blocks, in the order of time. Only samples in the mask `counted` belong to a block."""
+    """There are at least fifteen blocks, in the order of time. Only samples in `evaluated` belong to a block."""
     time = PERIOD * np.arange(1200)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     count = round(seconds / PERIOD / 4)
-    pieces = [piece._replace(counted=np.arange(1200) < count)] * 4
+    pieces = [piece._replace(evaluated=np.arange(1200) < count)] * 4
     numbers = block_numbers(pieces)
     assert len(numbers) == 4 * count
     assert numbers[0] == 0

@@ -1,4 +1,4 @@
-"""Gains, delay, filter and limit of a position law, identified from sums of sines."""
+"""Tests of gains, delay, filter and limit of a position law, identified from sums of sines."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def flown(terms=BASIC_TERMS, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0
         travel=position - position[0],
         deviation=np.zeros_like(error),
         anti_windup=np.zeros_like(error),
-        counted=time >= begin + settle,
+        evaluated=time >= begin + settle,
     )
 
 
@@ -96,13 +96,13 @@ def test_a_law_is_recovered_from_noise_free_commands(terms, shape, free, axes):
         Shape(0.0, 0.2 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.35),
         Shape(0.14, 0.4 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.05),
     ]
-    found = search_fit(pieces, axes, terms, starts, free)
-    assert (found.terms, found.free) == (terms, free)
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in terms], rtol=0.01)
-    np.testing.assert_allclose(found.shape.delay, shape.delay, atol=3e-4)
-    np.testing.assert_allclose(found.shape.filter_time, shape.filter_time, atol=1e-3)
-    np.testing.assert_allclose(found.shape.error_limit, shape.error_limit, atol=1e-3)
-    assert found.explained_variance > 0.99999
+    result = search_fit(pieces, axes, terms, starts, free)
+    assert (result.terms, result.free) == (terms, free)
+    np.testing.assert_allclose(result.gains, [GAINS[name] for name in terms], rtol=0.01)
+    np.testing.assert_allclose(result.shape.delay, shape.delay, atol=3e-4)
+    np.testing.assert_allclose(result.shape.filter_time, shape.filter_time, atol=1e-3)
+    np.testing.assert_allclose(result.shape.error_limit, shape.error_limit, atol=1e-3)
+    assert result.explained_variance > 0.99999
 
 
 def test_the_search_begins_at_the_best_start():
@@ -118,13 +118,13 @@ def test_the_search_begins_at_the_best_start():
 def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
     """The squared residuals have a narrow minimum over the delay, so the search starts from delays 15 ms apart."""
     (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
-    late = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
-    command = np.interp(piece.time - delay, piece.time, late)
-    counted = piece.counted & (piece.time >= 0.15)
-    found = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
-    assert found.shape.delay == pytest.approx(delay, abs=2e-4)
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC_TERMS], rtol=0.02)
-    assert (found.terms, found.free) == (BASIC_TERMS, ("delay",))
+    undelayed = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
+    command = np.interp(piece.time - delay, piece.time, undelayed)
+    evaluated = piece.evaluated & (piece.time >= 0.15)
+    result = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), evaluated=evaluated)], (0,))
+    assert result.shape.delay == pytest.approx(delay, abs=2e-4)
+    np.testing.assert_allclose(result.gains, [GAINS[name] for name in BASIC_TERMS], rtol=0.02)
+    assert (result.terms, result.free) == (BASIC_TERMS, ("delay",))
 
 
 @pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
@@ -137,8 +137,8 @@ def test_an_identified_delay_is_between_minus_one_sample_and_0_15_s(delay, expec
 
 def test_the_time_constant_of_a_filter_is_at_most_half_a_second():
     pieces = [flown(shape=Shape(0.0, 2.0))]
-    found = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.0, 0.3)], ("filter_time",))
-    assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
+    result = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.0, 0.3)], ("filter_time",))
+    assert result.shape.filter_time == pytest.approx(0.5, abs=2e-4)
 
 
 def noisy_pieces(samples=60):
@@ -163,15 +163,15 @@ def stacked(pieces, axes, terms):
     """Return the regressors, with a constant and a linear trend for each stretch, and the commands of the pieces."""
     sign = {"velocity": -1.0, "displacement": -1.0, "anti_windup": -1.0}
     values = {"position": "error", "displacement": "travel"}
-    found, commands, free = [], [], []
+    result, commands, free = [], [], []
     for axis in axes:
         for piece in pieces:
-            kept = piece.counted
-            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[kept, axis] for name in terms]
-            found.append(np.column_stack(columns))
-            commands.append(piece.command[kept, axis])
-            free.append(np.column_stack([np.ones(kept.sum()), piece.time[kept]]))
-    return np.concatenate(found), np.concatenate(commands), scipy.linalg.block_diag(*free)
+            evaluated = piece.evaluated
+            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[evaluated, axis] for name in terms]
+            result.append(np.column_stack(columns))
+            commands.append(piece.command[evaluated, axis])
+            free.append(np.column_stack([np.ones(evaluated.sum()), piece.time[evaluated]]))
+    return np.concatenate(result), np.concatenate(commands), scipy.linalg.block_diag(*free)
 
 
 @pytest.mark.parametrize("axes", [(2,), (0, 1)])
@@ -180,13 +180,13 @@ def test_gains_are_the_least_squares_solution_with_a_linear_trend_per_stretch_an
     regressors, commands, free = stacked(pieces, axes, terms)
     together = np.hstack([regressors, free])
     solution = np.linalg.lstsq(together, commands, rcond=None)[0]
-    left = commands - together @ solution
-    bare = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
-    found = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
-    np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
-    np.testing.assert_allclose(found.residuals, left, atol=1e-10)
-    assert found.explained_variance == pytest.approx(1.0 - left @ left / (bare @ bare))
-    assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
+    residuals = commands - together @ solution
+    detrended = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
+    result = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
+    np.testing.assert_allclose(result.gains, solution[: len(terms)], rtol=1e-8)
+    np.testing.assert_allclose(result.residuals, residuals, atol=1e-10)
+    assert result.explained_variance == pytest.approx(1.0 - residuals @ residuals / (detrended @ detrended))
+    assert (result.terms, result.shape, result.free) == (terms, Shape(), ("delay",))
 
 
 def test_the_explained_variance_of_a_constant_command_is_nan():
@@ -197,7 +197,7 @@ def test_the_explained_variance_of_a_constant_command_is_nan():
 def test_the_regressors_are_the_terms_of_the_law():
     piece = noisy_pieces()[1]
     terms = (*GAINS, *NUISANCE_TERMS)
-    found = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
+    actual = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
     error = np.clip(piece.error[:, 1], -0.5, 0.5)
     assert np.ptp(error) == 1.0
 
@@ -216,30 +216,30 @@ def test_the_regressors_are_the_terms_of_the_law():
         "double_integral": integral(integral(error)),
     }
     for name, values in expected.items():
-        np.testing.assert_allclose(found[name], values, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(actual[name], values, atol=1e-12, err_msg=name)
 
 
 def test_the_velocity_filter_is_a_first_order_lag_that_starts_in_steady_state():
     """The response to a ramp is exact to third order in the period, and does not start with a jump."""
     piece = flown()
-    still = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
-    found = regression._columns(still, 0, ("velocity",), Shape(0.0, 0.1))
-    np.testing.assert_allclose(found, -2.0)
+    constant = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
+    actual = regression._columns(constant, 0, ("velocity",), Shape(0.0, 0.1))
+    np.testing.assert_allclose(actual, -2.0)
     ramp = piece._replace(velocity=np.tile(piece.time[:, None], 3))
-    late = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
+    ramp_response = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
     # The response to the ramp r(t) = t is t - τ (1 - exp(-t / τ)).
     expected = piece.time - 0.1 * (1.0 - np.exp(-piece.time / 0.1))
-    np.testing.assert_allclose(late, expected, atol=0.1 * (PERIOD / 0.1) ** 2 / 11.0)
+    np.testing.assert_allclose(ramp_response, expected, atol=0.1 * (PERIOD / 0.1) ** 2 / 11.0)
 
 
 def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_second():
     piece = flown()
-    for deviation, moves in ((0.009, False), (0.011, True)):
+    for deviation, is_term in ((0.009, False), (0.011, True)):
         speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
         # Larger motion in samples that the regression does not use, or on another axis, is ignored.
-        slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
+        slow = np.column_stack([np.where(piece.evaluated, deviation * speed, speed), speed, speed])
         terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
-        assert ("displacement" in terms) == ("reference_velocity" in terms) == moves
+        assert ("displacement" in terms) == ("reference_velocity" in terms) == is_term
         assert {"position", "velocity", "integral"} <= {*terms}
 
 
@@ -253,11 +253,11 @@ def test_nuisance_terms_are_fitted_only_if_they_are_not_zero_on_a_fitted_axis(na
     assert excited_terms(pieces, (0, 1)) == (*BASIC_TERMS, name)
 
 
-def direct_independent_samples(left):
+def direct_independent_samples(residuals):
     """Return n / (1 + 2 Σ ρ_k), from direct sums over pairs of samples."""
-    count, total = len(left), 0.0
+    count, total = len(residuals), 0.0
     for lag in range(1, count // 2):
-        correlation = left[:-lag] @ left[lag:] / (left @ left)
+        correlation = residuals[:-lag] @ residuals[lag:] / (residuals @ residuals)
         if correlation < 0.0:
             break
         total += correlation
@@ -268,18 +268,18 @@ def test_correlated_samples_are_less_informative_than_independent_ones():
     random = np.random.default_rng(2)
     white = random.normal(size=1500)
     slow = scipy.signal.lfilter([1.0], [1.0, -0.9], random.normal(size=20001))
-    for left in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
-        expected = direct_independent_samples(left)
-        assert regression._independent_samples(left) == pytest.approx(expected, rel=1e-9)
+    for residuals in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
+        expected = direct_independent_samples(residuals)
+        assert regression._independent_samples(residuals) == pytest.approx(expected, rel=1e-9)
     # With correlations 0.9^k, n samples are equivalent to n (1 - 0.9) / (1 + 0.9) independent samples.
     assert regression._independent_samples(slow) == pytest.approx(20001 / 19.0, rel=0.15)
     assert regression._independent_samples(np.zeros(50)) == 50.0
 
 
-def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
-    """Return a fit whose last gain and last nonlinear parameter are both `last`."""
+def fit_with(residuals, terms=("position", "velocity"), free=("delay",), last=1.0):
+    """Return a fit with given residuals, whose last gain and last nonlinear parameter both have the value `last`."""
     shape = Shape()._replace(**{free[-1]: last})
-    return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, left, 0.9)
+    return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, residuals, 0.9)
 
 
 @pytest.mark.parametrize(
@@ -305,25 +305,25 @@ def test_an_extended_law_is_taken_if_its_last_parameter_is_significant(
     monkeypatch, samples, fraction, last, better, linear
 ):
     # Residuals of alternating sign have no positive correlation.
-    left = np.tile([1.0, -1.0], samples // 2)
-    simple = fit_with(left)
-    rich = fit_with(
-        np.sqrt(fraction) * left,
+    residuals = np.tile([1.0, -1.0], samples // 2)
+    simple = fit_with(residuals)
+    extended = fit_with(
+        np.sqrt(fraction) * residuals,
         ("position", "velocity", "integral") if linear else simple.terms,
         simple.free if linear else ("delay", "filter_time"),
         last,
     )
-    reaches = np.full(4, 1e9)
-    reaches[2 if linear else 3] = 0.3
-    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (reaches, None))
-    assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
+    half_widths = np.full(4, 1e9)
+    half_widths[2 if linear else 3] = 0.3
+    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (half_widths, None))
+    assert regression._better_fit([], (0,), simple, extended) is (extended if better else simple)
 
 
 def test_the_simpler_law_is_taken_if_both_laws_fit_exactly(monkeypatch):
     """Both laws leave no residual, for example if the command is constant."""
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
-    simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
-    assert regression._better_fit([], (0,), simple, rich) is simple
+    simple, extended = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
+    assert regression._better_fit([], (0,), simple, extended) is simple
 
 
 def rule_bias(named):
@@ -359,7 +359,7 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
         pieces = [piece._replace(deviation=sines(3, piece.time)) for piece in pieces]
         pieces = [piece._replace(command=piece.command + sines(3, piece.time - 0.02)) for piece in pieces]
     fit = search_fit(pieces, (0, 1), terms, [shape], free)
-    reaches, freedom = uncertainty(pieces, (0, 1), fit)
+    half_widths, freedom = uncertainty(pieces, (0, 1), fit)
     step = 1e-5
     with_delay = [
         regression._regression(pieces, (0, 1), terms, fit.shape._replace(delay=fit.shape.delay + change))[0]
@@ -370,13 +370,15 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
     # Twelve seconds give fifteen blocks per axis. A block is left out on both axes at the same time.
     blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
-    moves, fractions = [], []
+    changes, fractions = [], []
     for block in range(15):
-        kept = blocks != block
-        moves.append(np.linalg.solve(jacobian[kept].T @ jacobian[kept], jacobian[~kept].T @ fit.residuals[~kept]))
-        fractions.append(np.diag(inverse @ jacobian[~kept].T @ jacobian[~kept] @ inverse))
+        others = blocks != block
+        changes.append(
+            np.linalg.solve(jacobian[others].T @ jacobian[others], jacobian[~others].T @ fit.residuals[~others])
+        )
+        fractions.append(np.diag(inverse @ jacobian[~others].T @ jacobian[~others] @ inverse))
     model = np.mean(fit.residuals**2) * inverse
-    variances = np.maximum(14 / 15 * np.sum(np.square(moves), axis=0), np.diag(model))
+    variances = np.maximum(14 / 15 * np.sum(np.square(changes), axis=0), np.diag(model))
     expected_freedom = np.sum(fractions, axis=0) ** 2 / np.sum(np.square(fractions), axis=0) - 1.0
     named = dict(zip(terms, fit.gains.tolist(), strict=True))
     with_position = np.isin([*terms, "delay"], ["position", "deviation"])
@@ -386,32 +388,32 @@ def test_a_half_width_is_the_sum_of_jackknife_signal_error_and_integration_rule_
     # The derivative with respect to the delay is a difference between interpolated samples. The tolerance allows for
     # its dependence on the step of the difference.
     np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
-    np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
+    np.testing.assert_allclose(half_widths, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
 
 
 @pytest.mark.parametrize(
-    ("terms", "shape", "rich"),
+    ("terms", "shape", "additional"),
     [
         (BASIC_TERMS, Shape(0.05), ()),
         (BASIC_TERMS, Shape(0.05, 0.1), ("filter_time",)),
         ((*BASIC_TERMS, "double_integral"), Shape(0.05), ("double_integral",)),
     ],
 )
-def test_the_terms_of_a_law_are_recovered(terms, shape, rich):
+def test_the_terms_of_a_law_are_recovered(terms, shape, additional):
     """No filter, limit or double integral is found if the law has none."""
     piece = flown(terms, shape, noise=0.02)
-    found = select_fit([piece], (0,))
-    assert {*found.terms, *found.free} == {*BASIC_TERMS, "delay", *rich}
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
-    assert found.shape.delay == pytest.approx(0.05, abs=0.01)
+    result = select_fit([piece], (0,))
+    assert {*result.terms, *result.free} == {*BASIC_TERMS, "delay", *additional}
+    np.testing.assert_allclose(result.gains, [GAINS[name] for name in result.terms], rtol=0.1)
+    assert result.shape.delay == pytest.approx(0.05, abs=0.01)
 
 
 def test_an_error_limit_is_found_if_a_fifth_of_the_errors_exceed_it():
     """No limit is found in a flight without one."""
     limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
-    found = fit_with_limit([flown(BASIC_TERMS[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
-    assert found.free == ("delay", "error_limit")
-    assert found.shape.error_limit == pytest.approx(limit, rel=0.05)
+    result = fit_with_limit([flown(BASIC_TERMS[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
+    assert result.free == ("delay", "error_limit")
+    assert result.shape.error_limit == pytest.approx(limit, rel=0.05)
     assert fit_with_limit([flown(noise=0.02)], (0,)).free == ("delay",)
 
 
@@ -446,18 +448,18 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_form_that_fits_best(m
     parts = [flown(shape=Shape(0.05), noise=0.02, begin=begin, seconds=4.0) for begin in (0.0, 20.0)]
     noises = {"decoupled": 1.0, "heading": 0.0}
     logs = [{form: [scaled(part, *factors, noise=noises[form])] for form in forms} for part in parts]
-    found = identify_position_law(
+    result = identify_position_law(
         *prepared(
             monkeypatch,
             (logs[0], np.array([True, False, False])),
             (logs[1], np.array([False])),
         )
     )
-    assert found.form == "heading"
-    assert found.at_limits == 0.25
-    assert found.remarks == ("a remark on each log",)
-    assert (found.not_identified, ["".join(each.axes) for each in found.axes]) == ({}, groups)
-    for each in found.axes:
+    assert result.form == "heading"
+    assert result.at_limits == 0.25
+    assert result.remarks == ("a remark on each log",)
+    assert (result.not_identified, ["".join(each.axes) for each in result.axes]) == ({}, groups)
+    for each in result.axes:
         factor = factors["xyz".index(each.axes[0])]
         for name in BASIC_TERMS:
             spread = each.gains[name]
@@ -470,10 +472,10 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_form_that_fits_best(m
 @pytest.mark.long
 def test_an_axis_is_refused_if_no_law_explains_its_command(monkeypatch):
     piece = scaled(flown(seconds=3.0, noise=0.02), 1.0, 1.0, 1.0, noise=3.0)
-    found = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
-    assert [each.axes for each in found.axes] == [("x", "y")]
-    assert {*found.not_identified} == {"z"}
-    assert "of the variance of the command, but must explain at least 95 %" in found.not_identified["z"]
+    result = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
+    assert [each.axes for each in result.axes] == [("x", "y")]
+    assert {*result.not_identified} == {"z"}
+    assert "of the variance of the command, but must explain at least 95 %" in result.not_identified["z"]
     noise = piece._replace(command=np.random.default_rng(2).normal(size=piece.command.shape))
     with pytest.raises(InputError, match="^cannot identify the position law: x: a linear law .*; y: a linear law "):
         identify_position_law(*prepared(monkeypatch, ({"heading": [noise]}, np.zeros(1))))
@@ -491,7 +493,7 @@ def fit_of_everything(explained_variance=0.99):
 
 
 @pytest.mark.parametrize(
-    ("explained", "alike", "weak", "groups", "refused"),
+    ("explained", "are_equal", "imprecise", "groups", "refused"),
     [
         ((0.96, 0.96, 0.96), True, "", ["xy", "z"], []),
         ((0.96, 0.96, 0.96), False, "", ["x", "y", "z"], []),
@@ -504,26 +506,26 @@ def fit_of_everything(explained_variance=0.99):
     ],
 )
 def test_an_axis_is_refused_if_its_fit_is_poor_or_its_velocity_gain_is_uncertain(
-    monkeypatch, explained, alike, weak, groups, refused
+    monkeypatch, explained, are_equal, imprecise, groups, refused
 ):
     def axis_law(pieces, axes, form, fit):
         names = "".join("xyz"[axis] for axis in axes)
-        reasons = {"velocity": "too wide", "integral": "too wide"} if names == weak else {"integral": "too wide"}
+        reasons = {"velocity": "too wide", "integral": "too wide"} if names == imprecise else {"integral": "too wide"}
         return AxisLaw(tuple(names), {}, fit.explained_variance, reasons)
 
     def compared(pieces, fits):
-        assert alike is not None
-        return alike
+        assert are_equal is not None
+        return are_equal
 
     monkeypatch.setattr(law, "_log_unexplained", len)
     monkeypatch.setattr(law, "select_fit", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
     monkeypatch.setattr(law, "_axis_law", axis_law)
     monkeypatch.setattr(law, "_have_same_law", compared)
-    found = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
-    assert ["".join(each.axes) for each in found.axes] == groups
-    assert [*found.not_identified] == refused
-    if weak:
-        assert found.not_identified[refused[0]] == "velocity: too wide"
+    result = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
+    assert ["".join(each.axes) for each in result.axes] == groups
+    assert [*result.not_identified] == refused
+    if imprecise:
+        assert result.not_identified[refused[0]] == "velocity: too wide"
 
 
 def test_a_poor_fit_is_reported_with_the_fraction_that_it_explains():
@@ -532,21 +534,21 @@ def test_a_poor_fit_is_reported_with_the_fraction_that_it_explains():
         assert "explains nothing of the variance" in law._poor_fit_reason(nothing)
 
 
-@pytest.mark.parametrize(("difference", "alike"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
-def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, alike):
+@pytest.mark.parametrize(("difference", "are_combined"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
+def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, are_combined):
     """With half-widths of 0.3 and 0.4, the difference has the half-width 0.5.
 
     Terms of only one axis are not compared.
     """
 
     def spreads(pieces, axes, fit, form):
-        offset, reach = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
-        own = {"position": 4.0, "velocity": 3.0 + offset, "filter_time" if axes == (0,) else "error_limit": 100.0}
-        deviation = reach / quantile(7.0)
-        return {name: EstimatedValue(value, deviation, "", 7.0) for name, value in own.items()}
+        offset, half_width = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
+        values = {"position": 4.0, "velocity": 3.0 + offset, "filter_time" if axes == (0,) else "error_limit": 100.0}
+        deviation = half_width / quantile(7.0)
+        return {name: EstimatedValue(value, deviation, "", 7.0) for name, value in values.items()}
 
-    monkeypatch.setattr(law, "_spreads", spreads)
-    assert law._have_same_law([], dict.fromkeys(range(3))) == alike
+    monkeypatch.setattr(law, "_estimates", spreads)
+    assert law._have_same_law([], dict.fromkeys(range(3))) == are_combined
 
 
 @pytest.mark.parametrize(
@@ -558,14 +560,14 @@ def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monk
     ],
 )
 def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units):
-    reaches, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
-    monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (reaches, freedoms))
-    found = law._spreads([], axes, fit_of_everything(), form)
-    assert [*found] == [*BASIC_TERMS, "delay"]
-    np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
-    np.testing.assert_allclose([each.half_width for each in found.values()], reaches)
-    assert [each.degrees_of_freedom for each in found.values()] == freedoms.tolist()
-    assert [each.unit for each in found.values()] == [*units, "s"]
+    half_widths, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
+    monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (half_widths, freedoms))
+    result = law._estimates([], axes, fit_of_everything(), form)
+    assert [*result] == [*BASIC_TERMS, "delay"]
+    np.testing.assert_allclose([each.value for each in result.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
+    np.testing.assert_allclose([each.half_width for each in result.values()], half_widths)
+    assert [each.degrees_of_freedom for each in result.values()] == freedoms.tolist()
+    assert [each.unit for each in result.values()] == [*units, "s"]
     assert law._UNITS["double_integral"] == ("1/s⁴", "rad/(m s²)")
 
 
@@ -590,33 +592,35 @@ def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typica
     certain = {"position": EstimatedValue(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
     certain["velocity"] = EstimatedValue(-3.0, 0.01, "1/s", 20.0)
     for fraction in (0.49, 0.51):
-        reach = fraction * min(typical, 1e6)
-        own = certain.get(name, EstimatedValue(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
-        weak = law._imprecise(certain | {name: own})
+        half_width = fraction * min(typical, 1e6)
+        estimate = certain.get(name, EstimatedValue(0.01, 0.0, unit, 20.0))._replace(
+            deviation=half_width / quantile(20.0)
+        )
+        imprecise = law._imprecise(certain | {name: estimate})
         if fraction > 0.5 and np.isfinite(typical):
-            assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
+            assert imprecise == {name: f"the half-width of its 95 % interval is {half_width:.2g} {unit}"}
         else:
-            assert weak == {}
+            assert imprecise == {}
 
 
 def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
     """Position and velocity gain, delay, filter and limit stay in the fit, even if they are not identified."""
     pieces = [flown(BASIC_TERMS[:4], Shape(0.05), noise=0.02)]
     fit = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.05)], ("delay",))
-    weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
-    monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(weak))
-    found = law._axis_law(pieces, (0,), "heading", fit)
-    kept = tuple(name for name in BASIC_TERMS if name != "displacement")
-    again = search_fit(pieces, (0,), kept, [fit.shape], ("delay",))
-    assert found.not_identified == weak
-    assert {*found.gains} == {*kept} - {"position"}
-    wide, narrow = (law._spreads(pieces, (0,), each, "heading") for each in (fit, again))
-    for name, spread in found.gains.items():
+    imprecise = {"position": "wide", "displacement": "wide", "delay": "wide"}
+    monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(imprecise))
+    result = law._axis_law(pieces, (0,), "heading", fit)
+    identified = tuple(name for name in BASIC_TERMS if name != "displacement")
+    refit = search_fit(pieces, (0,), identified, [fit.shape], ("delay",))
+    assert result.not_identified == imprecise
+    assert {*result.gains} == {*identified} - {"position"}
+    wide, narrow = (law._estimates(pieces, (0,), each, "heading") for each in (fit, refit))
+    for name, spread in result.gains.items():
         assert spread.value == narrow[name].value
         assert spread.deviation == max(wide[name].deviation, narrow[name].deviation)
-    assert found.explained_variance == again.explained_variance != fit.explained_variance
-    assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in found.gains)
-    assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
+    assert result.explained_variance == refit.explained_variance != fit.explained_variance
+    assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in result.gains)
+    assert (result.gain("velocity"), result.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
 
 def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
@@ -624,24 +628,24 @@ def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     piece = piece._replace(
         reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)
     )
-    limit = float(np.quantile(np.abs(piece.error[piece.counted][:, :2]), 0.75))
+    limit = float(np.quantile(np.abs(piece.error[piece.evaluated][:, :2]), 0.75))
     fit = search_fit([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
     fit = fit._replace(shape=fit.shape._replace(error_limit=limit))
     monkeypatch.setattr(law, "_imprecise", lambda spreads: {})
-    found = law._axis_law([piece], (0, 1), "heading", fit)
-    assert found.axes == ("x", "y")
-    assert found.not_identified == dict.fromkeys(BASIC_TERMS[2:5], "the reference does not move along this axis")
-    assert {*found.gains} == {"position", "velocity", "integral", "delay"}
-    assert found.explained_variance == fit.explained_variance
-    assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)
+    result = law._axis_law([piece], (0, 1), "heading", fit)
+    assert result.axes == ("x", "y")
+    assert result.not_identified == dict.fromkeys(BASIC_TERMS[2:5], "the reference does not move along this axis")
+    assert {*result.gains} == {"position", "velocity", "integral", "delay"}
+    assert result.explained_variance == fit.explained_variance
+    assert result.at_error_limit == pytest.approx(0.25, abs=1e-3)
 
 
 def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(monkeypatch):
     """An exact fit of a single axis does not decide the comparison: its unexplained variance is raised to 1e-12."""
-    seen = []
+    used = []
 
     def fit_with_limit(pieces, axes):
-        seen.append([np.flatnonzero(piece.counted) for piece in pieces])
+        used.append([np.flatnonzero(piece.evaluated) for piece in pieces])
         return fit_of_everything((1.0 - 1e-3, 1.0 - 1e-6, 1.0)[axes[0]])
 
     monkeypatch.setattr(law, "fit_with_limit", fit_with_limit)
@@ -649,8 +653,8 @@ def test_forms_of_the_law_are_compared_by_the_unexplained_variances_of_all_axes(
     expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
     assert law._log_unexplained(pieces) == pytest.approx(expected, rel=1e-6)
     # Every third of 2000 samples is used, which is more than 600 samples.
-    for found, piece in zip(seen[0], pieces, strict=True):
+    for actual, piece in zip(used[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
-        np.testing.assert_array_equal(found, every[piece.counted[every]])
+        np.testing.assert_array_equal(actual, every[piece.evaluated[every]])
     law._log_unexplained([flown(seconds=6.0)])
-    np.testing.assert_array_equal(seen[-1][0], np.arange(100, 600))
+    np.testing.assert_array_equal(used[-1][0], np.arange(100, 600))

@@ -1,4 +1,4 @@
-"""Open-loop prediction: errors of the true vehicle, of a wrong one, and of motion at constant rates."""
+"""Tests of open-loop predictions: errors of the true vehicle, of a wrong one, and of motion at constant rates."""
 
 import math
 from dataclasses import replace
@@ -33,8 +33,7 @@ def scenario(root):
     overrides = (
         "duration=10",
         "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
-        # With the next three values, the effect of a command is visible after one camera frame, which is the delay of
-        # the scenario.
+        # With the next three values, commands have a total delay of one camera frame, 10 ms, which the log also has.
         "laboratory.motion_capture.period=0.01",
         "laboratory.command_link.delay_ticks=0",
         "laboratory.command_link.loss_rate=0",
@@ -75,13 +74,13 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
     """
     time = 0.01 * np.arange(round(100 * seconds))
     velocity = np.array([0.5, -0.3, 0.2]) + time[:, None] * np.array(acceleration)
-    place = time[:, None] * np.array([0.5, -0.3, 0.2]) + 0.5 * time[:, None] ** 2 * np.array(acceleration)
+    position = time[:, None] * np.array([0.5, -0.3, 0.2]) + 0.5 * time[:, None] ** 2 * np.array(acceleration)
     turned = Rotation.from_rotvec(np.outer(time + 0.5 * angular * time**2, turning))
     rates = np.outer(1.0 + angular * time, turning)
     attitude = turned.as_euler("ZYX")[:, ::-1]
     commands = np.full((len(time), 4), 200.0)
     return FlightRecord(
-        "moving", time, position=place, velocity=velocity, attitude=attitude, body_rates=rates,
+        "moving", time, position=position, velocity=velocity, attitude=attitude, body_rates=rates,
         rotor_speed_command=commands,
     )  # fmt: skip
 
@@ -92,11 +91,11 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
 def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out):
     """Velocities and rates that are not logged follow from positions and attitudes."""
     log = replace(moving([0.02, -0.03, 0.2], seconds=3.0), **dict.fromkeys(left_out))
-    found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
-    for quantity in found.errors:
-        for horizon in found.horizons:
+    result = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
+    for quantity in result.errors:
+        for horizon in result.horizons:
             for simple in PREDICTORS_WITHOUT_MODEL:
-                assert found.rmse(quantity, simple, horizon).value < 1e-6, (quantity, simple)
+                assert result.rmse(quantity, simple, horizon).value < 1e-6, (quantity, simple)
 
 
 @pytest.mark.slow
@@ -106,30 +105,29 @@ def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, 
     """The errors at constant velocity are the displacement, velocity change and angle that the accelerations cause."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
     log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
-    found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
+    actual = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
     expected = {
         "position": lambda h: 0.5 * 0.5 * h**2,
         "velocity": lambda h: 0.5 * h,
         "attitude": lambda h: 0.5 * 0.3 * angular * h**2,
         "body_rates": lambda h: 0.3 * angular * h,
     }
-    for quantity in found.errors:
-        for horizon in found.horizons:
-            assert found.rmse(quantity, CONSTANT_ACCELERATION, horizon).value < 1e-6
-            velocity = found.rmse(quantity, CONSTANT_VELOCITY, horizon).value
+    for quantity in actual.errors:
+        for horizon in actual.horizons:
+            assert actual.rmse(quantity, CONSTANT_ACCELERATION, horizon).value < 1e-6
+            velocity = actual.rmse(quantity, CONSTANT_VELOCITY, horizon).value
             assert velocity == pytest.approx(expected[quantity](horizon), rel=1e-3)
 
 
 @pytest.mark.long
 def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
-    """The remaining error is the error of the initial state, which is the end of a parabola through 50 ms of motion
-    with jerk."""
+    """The remaining error is that of the initial state, which is estimated by a parabola through 50 ms of motion."""
     assert predictions.rmse("position", "right", 0.5).value < 2e-3
     assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
     for quantity in predictions.errors:
         for simple in PREDICTORS_WITHOUT_MODEL:
-            assert predictions.better(quantity, "right", simple, 0.5).low > 0.9
-    assert predictions.losses("right") == ""
+            assert predictions.error_reduction(quantity, "right", simple, 0.5).low > 0.9
+    assert predictions.remark_on_worse_predictions("right") == ""
 
 
 @pytest.mark.long
@@ -137,16 +135,16 @@ def test_a_prediction_with_a_vehicle_starts_from_the_velocity_of_the_kalman_filt
     """Position noise affects the velocity from the last few samples much more than the velocity of the filter."""
     random = np.random.default_rng(1)
     position = record.position + 2e-3 * random.normal(size=record.position.shape)
-    found = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
-    for horizon in found.horizons:
-        assert found.better("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
+    result = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
+    for horizon in result.horizons:
+        assert result.error_reduction("position", "right", CONSTANT_VELOCITY, horizon).low > 0.5
 
 
 @pytest.mark.long
 def test_the_estimated_disturbance_compensates_a_wrong_thrust(predictions):
     """If the first vehicle has 10 % too much thrust, its filter estimates a force that compensates this for a while."""
     assert predictions.vehicles == ("stronger", "right", *PREDICTORS_WITHOUT_MODEL, WITH_DISTURBANCE)
-    assert predictions.better("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
+    assert predictions.error_reduction("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
 
 
 @pytest.mark.long
@@ -155,7 +153,7 @@ def test_ten_percent_more_thrust_accelerates_upwards_by_a_tenth_of_gravity(predi
     """The rotors already follow the commands at the start, so the additional thrust acts at once."""
     expected = 0.5 * 0.1 * 9.81 * horizon**2
     assert predictions.rmse("position", "stronger", horizon).value == pytest.approx(expected, rel=0.1)
-    better = predictions.better("position", "right", "stronger", horizon)
+    better = predictions.error_reduction("position", "right", "stronger", horizon)
     assert better.low > 0.8
     assert better.value == pytest.approx(
         1.0 - predictions.rmse("position", "right", horizon).value / expected, abs=0.05
@@ -175,15 +173,22 @@ def of_errors(errors, names=("one", "other"), *, horizon=0.5, quantity="position
 
 
 def test_a_vehicle_that_predicts_significantly_worse_than_a_baseline_is_reported():
-    sure = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
-    errors = np.stack([2.0 * sure, sure, 3.0 * sure])
+    similar_errors = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
+    errors = np.stack([2.0 * similar_errors, similar_errors, 3.0 * similar_errors])
     names = ("mine", *PREDICTORS_WITHOUT_MODEL)
-    found = of_errors(errors, names, quantity="body_rates").losses("mine")
-    assert found == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
-    unsure = np.stack([np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * sure])
-    assert of_errors(unsure, names).better("position", "mine", "constant velocity", 0.5).value < 0.0
-    assert of_errors(unsure, names).losses("mine") == ""
-    assert of_errors(np.stack([sure, 2.0 * sure, 2.0 * sure]), names).losses("mine") == ""
+    result = of_errors(errors, names, quantity="body_rates").remark_on_worse_predictions("mine")
+    assert result == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
+    scattered_errors = np.stack(
+        [np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * similar_errors]
+    )
+    assert of_errors(scattered_errors, names).error_reduction("position", "mine", "constant velocity", 0.5).value < 0.0
+    assert of_errors(scattered_errors, names).remark_on_worse_predictions("mine") == ""
+    assert (
+        of_errors(
+            np.stack([similar_errors, 2.0 * similar_errors, 2.0 * similar_errors]), names
+        ).remark_on_worse_predictions("mine")
+        == ""
+    )
 
 
 def test_intervals_of_an_rms_error_follow_from_blocks():
@@ -191,11 +196,11 @@ def test_intervals_of_an_rms_error_follow_from_blocks():
     errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))
-    found = given.rmse("position", "one", 0.5)
-    reach = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
-    assert found.value == pytest.approx(math.sqrt(np.mean(squares)))
-    assert found.high == pytest.approx(found.value * math.exp(reach), rel=1e-6)
-    assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
+    result = given.rmse("position", "one", 0.5)
+    half_width = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
+    assert result.value == pytest.approx(math.sqrt(np.mean(squares)))
+    assert result.high == pytest.approx(result.value * math.exp(half_width), rel=1e-6)
+    assert given.error_reduction("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
     assert concatenate_predictions([given, given]).starts(0.5) == 12
     single = Predictions(
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
@@ -207,12 +212,12 @@ def test_intervals_of_an_rms_error_follow_from_blocks():
 def test_a_model_without_errors_is_better_than_all_others():
     given = of_errors(np.stack([np.zeros(6), np.arange(1.0, 7.0)]), ("exact", "other"))
     assert given.rmse("position", "exact", 0.5) == (0.0, 0.0, 0.0)
-    assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
-    assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
-    assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
+    assert given.error_reduction("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
+    assert np.isnan(given.error_reduction("position", "other", "exact", 0.5)).all()
+    assert np.isnan(given.error_reduction("position", "exact", "exact", 0.5)).all()
     # A vehicle whose error is zero in some of the predictions is compared like any other.
     errors = np.stack([np.array([0.0, 1.0, 2.0, 1.0]), np.array([2.0, 2.0, 0.0, 4.0])])
-    some = of_errors(errors).better("position", "one", "other", 0.5)
+    some = of_errors(errors).error_reduction("position", "one", "other", 0.5)
     assert some.value == pytest.approx(1.0 - math.sqrt(6.0 / 24.0))
     assert some.low < some.value < some.high
 
@@ -249,24 +254,26 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
     time = np.concatenate([np.arange(0.0, 8.0, 0.1), np.arange(0.0, 4.0, 0.1)])
     log = np.array(["a"] * 80 + ["b"] * 40)
     errors = np.repeat(sizes, 20)[None, None]
-    found = Predictions(("one",), (2.0,), log, time, {"position": errors}).rmse("position", "one", 2.0)
+    result = Predictions(("one",), (2.0,), log, time, {"position": errors}).rmse("position", "one", 2.0)
     squares = sizes**2
-    reach = quantile(5) * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
-    assert found.high / found.value == pytest.approx(math.exp(reach), rel=1e-6)
-    assert found.low / found.value == pytest.approx(math.exp(-reach), rel=1e-6)
+    half_width = quantile(5) * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
+    assert result.high / result.value == pytest.approx(math.exp(half_width), rel=1e-6)
+    assert result.low / result.value == pytest.approx(math.exp(-half_width), rel=1e-6)
     empty = Predictions(("one",), (2.0,), log, time, {"position": np.full((1, 1, 120), np.nan)})
     assert np.isnan(empty.rmse("position", "one", 2.0)).all()
-    assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
+    assert np.isnan(empty.error_reduction("position", "one", "one", 2.0)).all()
 
 
 def test_the_interval_of_a_comparison_of_vehicles_follows_from_paired_differences():
     """The squared errors of each vehicle are divided by their mean before the difference is taken."""
-    own, others = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
-    better = of_errors(np.stack([own, others])).better("position", "one", "other", 0.5)
-    ratio = math.sqrt(np.mean(own**2) / np.mean(others**2))
-    differences = own**2 / np.mean(own**2) - others**2 / np.mean(others**2)
-    reach = 0.5 * quantile(11) * math.sqrt(12.0 / 11.0 * np.sum(differences**2)) / 12.0
-    assert better == pytest.approx((1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach)))
+    first, second = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
+    better = of_errors(np.stack([first, second])).error_reduction("position", "one", "other", 0.5)
+    ratio = math.sqrt(np.mean(first**2) / np.mean(second**2))
+    differences = first**2 / np.mean(first**2) - second**2 / np.mean(second**2)
+    half_width = 0.5 * quantile(11) * math.sqrt(12.0 / 11.0 * np.sum(differences**2)) / 12.0
+    assert better == pytest.approx(
+        (1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
+    )
 
 
 @pytest.mark.slow
@@ -275,19 +282,19 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     """No prediction starts in the first 0.4 s of the log, or within 50 ms after a gap."""
     log = moving([0.0, 0.0, 0.1], seconds=12.0)
     landed = np.where((log.time > 5.0) & (log.time < 7.0), 0.0, 200.0)
-    kept = (log.time < 9.0) | (log.time > 9.3)
-    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).subset(kept)
-    found = predict(log, {"vehicle": scenario}, horizons=(0.1, 0.5))
-    for i, horizon in enumerate(found.horizons):
-        reached = np.isfinite(found.errors["position"][0, i])
-        ends = found.time[reached] + horizon
-        assert found.time.min() >= 0.4
-        for start, end in zip(found.time[reached], ends, strict=True):
+    outside_gap = (log.time < 9.0) | (log.time > 9.3)
+    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).subset(outside_gap)
+    result = predict(log, {"vehicle": scenario}, horizons=(0.1, 0.5))
+    for i, horizon in enumerate(result.horizons):
+        reached = np.isfinite(result.errors["position"][0, i])
+        ends = result.time[reached] + horizon
+        assert result.time.min() >= 0.4
+        for start, end in zip(result.time[reached], ends, strict=True):
             assert end < 9.0 or start > 9.0, "across a gap"
             assert end < 5.0 or start > 7.0, "on the ground"
-        after = found.time[found.time > 9.2]
+        after = result.time[result.time > 9.2]
         assert after.min() >= 9.3 + 0.04
-    assert np.isfinite(found.errors["position"][0, 0]).sum() > np.isfinite(found.errors["position"][0, 1]).sum() > 20
+    assert np.isfinite(result.errors["position"][0, 0]).sum() > np.isfinite(result.errors["position"][0, 1]).sum() > 20
 
 
 def test_predictions_start_every_tenth_of_a_second_with_time_for_filter_and_horizon():
@@ -308,8 +315,10 @@ def test_predictions_start_every_tenth_of_a_second_with_time_for_filter_and_hori
     # The commands that the rotors follow are unknown after a gap.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
     # If the final fraction of the flight is 0.25, predictions start only in the last quarter of the flight.
-    late = prediction._starts(log, 6, (0.2,), 0.25)
-    np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
+    in_last_quarter = prediction._starts(log, 6, (0.2,), 0.25)
+    np.testing.assert_array_equal(
+        in_last_quarter, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300]
+    )
 
 
 def test_the_yaw_rate_is_correct_where_the_logged_yaw_wraps():
@@ -352,18 +361,18 @@ def test_prediction_errors_are_norms_of_differences_and_the_angle_between_attitu
     starts, steps = np.array([10, 30, 60]), [5, 20]
     predicted = [random.normal(size=(12, 3)) for _ in steps]
     measured = ("position", "attitude", "velocity", "body_rates")
-    found = prediction._errors(log, measured, predicted, starts, steps, False)
-    assert set(found) == {*measured}
+    actual = prediction._errors(log, measured, predicted, starts, steps, False)
+    assert set(actual) == {*measured}
     for h, (step, state) in enumerate(zip(steps, predicted, strict=True)):
         for s, start in enumerate(starts):
             position, attitude, velocity, rates = np.split(state[:, s], 4)
             for name, value in (("position", position), ("velocity", velocity), ("body_rates", rates)):
                 expected = np.linalg.norm(value - log.of(name)[start + step])
-                assert found[name][h, s] == pytest.approx(expected)
+                assert actual[name][h, s] == pytest.approx(expected)
             turn = Rotation.from_euler("ZYX", attitude[::-1]).inv() * Rotation.from_euler(
                 "ZYX", log.attitude[start + step][::-1]
             )
-            assert found["attitude"][h, s] == pytest.approx(np.linalg.norm(turn.as_rotvec()))
+            assert actual["attitude"][h, s] == pytest.approx(np.linalg.norm(turn.as_rotvec()))
     level = prediction._errors(log, ("position", "velocity"), predicted, starts, steps, True)
     assert set(level) == {"height", "climb"}
     np.testing.assert_allclose(level["height"][1], np.abs(predicted[1][2] - log.position[starts + 20, 2]))
@@ -383,8 +392,8 @@ def test_parabolas_are_fitted_to_fifty_milliseconds_and_at_least_four_samples(sc
     """The fifty milliseconds include the samples at both ends."""
     given = []
 
-    def starts_of(record, past, horizons, fraction):
-        given.append((past, fraction))
+    def starts_of(record, num_past, horizons, fraction):
+        given.append((num_past, fraction))
         return np.array([], dtype=int)
 
     monkeypatch.setattr(prediction, "_starts", starts_of)
@@ -406,21 +415,21 @@ def test_the_interval_of_a_mean_follows_from_independent_blocks():
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
 def test_only_the_end_of_the_flight_is_predicted_on_request(record, scenario):
-    late = predict(record, {"right": scenario}, final_fraction=0.25, horizons=(0.1,))
-    whole = predict(record, {"right": scenario}, horizons=(0.1,))
-    assert late.time.min() > 0.7 * record.time[-1]
-    assert len(late.time) == pytest.approx(0.25 * len(whole.time), abs=3)
+    at_end = predict(record, {"right": scenario}, final_fraction=0.25, horizons=(0.1,))
+    complete = predict(record, {"right": scenario}, horizons=(0.1,))
+    assert at_end.time.min() > 0.7 * record.time[-1]
+    assert len(at_end.time) == pytest.approx(0.25 * len(complete.time), abs=3)
 
 
 @pytest.mark.parametrize(
-    ("left_out", "words"),
+    ("left_out", "message"),
     [
         (("position", "velocity", "attitude", "body_rates"), "contains no signal that can be predicted"),
         (("rotor_speed_command",), "has no commands for the vehicle"),
     ],
 )
-def test_a_log_without_predictable_signals_is_refused(record, scenario, left_out, words):
-    with pytest.raises(InputError, match=words):
+def test_a_log_without_predictable_signals_is_refused(record, scenario, left_out, message):
+    with pytest.raises(InputError, match=message):
         predict(replace(record, **dict.fromkeys(left_out)), {"right": scenario})
 
 
@@ -435,8 +444,8 @@ def test_the_height_of_a_flight_without_attitude_is_predicted(root):
     base = with_throttles(load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0287"]))
     folder = root / "tests" / "data" / "crazyflie" / "crazypad"
     first, second = (read_log(folder / f"normal_flight_E8_log0{i}.xz") for i in (0, 1))
-    found = identify([first], base, held_out_fraction=0.0)
-    vehicles = {"identified": found.vehicle, "data sheet": base}
+    result = identify([first], base, held_out_fraction=0.0)
+    vehicles = {"identified": result.vehicle, "data sheet": base}
     predictions = predict(second, vehicles, nominal=base, horizons=(0.5,))
     assert set(predictions.errors) == {"height", "climb"}
-    assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8
+    assert predictions.error_reduction("height", "identified", "data sheet", 0.5).low > 0.8

@@ -1,4 +1,4 @@
-"""Logs prepared for the forward model: rates, windows, forces and initial noise."""
+"""Tests of the preparation of logs for the forward model: rates, windows, forces and initial noise."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_logs_faster_than_125_hertz_are_averaged(rotors: Scenario, period: float
 
 
 def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[float, float, float]:
-    sizes = logs.predictor((), logs.flying, horizon=horizon).sizes
+    sizes = logs.predictor((), logs.flying, for_forecast=horizon).sizes
     return tuple(logs.period * samples for samples in sizes)  # type: ignore[return-value]
 
 
@@ -92,7 +92,7 @@ def test_a_flight_of_three_windows_is_too_short(rotors: Scenario) -> None:
     with pytest.raises(InputError, match=r"^the flight in the logs contains only 3 windows of 0.9 s in the air"):
         short.predictor((), short.flying)
     with pytest.raises(InputError, match=r"^the held-out part of the logs contains only 0 windows of .* in the air"):
-        enough.predictor((), [np.zeros(len(enough.records[0].time), dtype=bool)], horizon=True)
+        enough.predictor((), [np.zeros(len(enough.records[0].time), dtype=bool)], for_forecast=True)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_the_step_of_the_model_is_at_most_about_a_hundredth_of_a_second(
     rotors: Scenario, period: float, split: int
 ) -> None:
     logs, _ = prepare([log_of(200 * period, *POSE, period=period)], rotors)
-    predictor = logs.predictor((), logs.flying, horizon=True)
+    predictor = logs.predictor((), logs.flying, for_forecast=True)
     assert predictor.split == split
     assert predictor.inputs.period == pytest.approx(period / split)
     # The inputs extend beyond the window by at least a delay of 0.15 s plus one sample.
@@ -129,12 +129,12 @@ def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(
     """If there are few windows, each window is a block."""
     logs, _ = prepare([log_of(seconds, *POSE)], rotors)
     predictor = logs.predictor((), logs.flying)
-    found = window_blocks(predictor)
-    assert len(found) == len(predictor.windows)
-    assert (found[0], found[-1]) == (0, blocks - 1)
-    assert set(np.diff(found)) <= {0, 1}
+    result = window_blocks(predictor)
+    assert len(result) == len(predictor.windows)
+    assert (result[0], result[-1]) == (0, blocks - 1)
+    assert set(np.diff(result)) <= {0, 1}
     # The sizes of blocks differ by at most one window.
-    assert np.ptp(np.bincount(found)) <= 1
+    assert np.ptp(np.bincount(result)) <= 1
 
 
 def test_a_filter_initially_assumes_a_large_disturbance_with_a_short_correlation_time() -> None:
@@ -150,7 +150,7 @@ def test_a_filter_initially_assumes_a_large_disturbance_with_a_short_correlation
 
 
 @pytest.fixture
-def pushed() -> FlightRecord:
+def log_with_residual_force() -> FlightRecord:
     """Return a log with the residual force of a level vehicle with a yaw of 90°."""
     angles = np.tile([0.0, 0.0, 0.5 * np.pi], (50, 1))
     force = np.tile([0.5, -1.0, 2.0], (50, 1))
@@ -160,7 +160,7 @@ def pushed() -> FlightRecord:
 
 @pytest.mark.parametrize("kind", ["thrust", "share of hover", "share of full thrust"])
 def test_a_residual_force_is_converted_with_the_commanded_thrust_from_the_logged_signals(
-    attitudes: Scenario, pushed: FlightRecord, kind: str
+    attitudes: Scenario, log_with_residual_force: FlightRecord, kind: str
 ) -> None:
     vehicle = attitudes.vehicle
     fractions = np.linspace(0.3, 0.6, 50)
@@ -174,26 +174,26 @@ def test_a_residual_force_is_converted_with_the_commanded_thrust_from_the_logged
         ),
         "share of full thrust": ({"thrust_fraction": fractions}, 4.0 * (k_0 + k_1 * fractions + k_2 * fractions**2)),
     }[kind]
-    found = prepared_logs._with_specific_force(replace(pushed, **signals), attitudes).specific_force
-    assert found is not None
+    actual = prepared_logs._with_specific_force(replace(log_with_residual_force, **signals), attitudes).specific_force
+    assert actual is not None
     expected = np.column_stack([np.full(50, -1.0), np.full(50, -0.5), 2.0 + thrust]) / vehicle.mass
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(actual, expected, atol=1e-12)
 
 
 def test_a_residual_force_is_ignored_if_the_commanded_thrust_is_unknown(
-    attitudes: Scenario, pushed: FlightRecord
+    attitudes: Scenario, log_with_residual_force: FlightRecord
 ) -> None:
     """Neither a thrust fraction without a thrust curve nor a hover thrust fraction gives the commanded thrust."""
 
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record
 
-    fraction = replace(pushed, thrust_fraction=np.full(50, 0.4))
+    fraction = replace(log_with_residual_force, thrust_fraction=np.full(50, 0.4))
     nominal = attitudes.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
     assert converted(fraction)
     assert not converted(fraction, attitudes.model_copy(update={"nominal": nominal}))
-    assert not converted(pushed)
-    assert not converted(replace(pushed, hover_thrust_fraction=np.full(50, 0.4)))
+    assert not converted(log_with_residual_force)
+    assert not converted(replace(log_with_residual_force, hover_thrust_fraction=np.full(50, 0.4)))
     # The residual force is also ignored if a specific force is logged, or if no attitude is logged, since the axes of
     # the force are then unknown.
     assert not converted(replace(fraction, specific_force=np.zeros((50, 3))))
@@ -213,13 +213,13 @@ def test_a_log_of_heights_is_modelled_with_a_vehicle_that_stays_level(rotors: Sc
         assert logs.scenario is scenario is rotors
     # The response of an autopilot includes the time constants of the rotors.
     update = {"rotor_time_constant_down": 0.09}
-    own = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update=update)})
+    with_two_time_constants = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update=update)})
     command = {
         "attitude_command": np.zeros((300, 3)),
         "thrust_fraction": np.full(300, 0.4),
         "rotor_speed_command": None,
     }
-    logs, scenario = prepare([log_of(3.0, "attitude", **command)], own)  # type: ignore[arg-type]
+    logs, scenario = prepare([log_of(3.0, "attitude", **command)], with_two_time_constants)  # type: ignore[arg-type]
     assert logs.scenario is scenario
     assert scenario.vehicle.rotor_time_constant_down is None
     assert not logs.has_motor_throttles

@@ -1,4 +1,4 @@
-"""Missing commands between samples, drifting clocks, and estimates that missing commands distort."""
+"""Tests of missing commands between samples, of drifting clocks, and of estimates that missing commands distort."""
 
 from dataclasses import replace
 
@@ -57,9 +57,9 @@ def shifts_of(record):
 @pytest.mark.parametrize("shift", [0.0, 0.03])
 def test_a_constant_time_shift_is_found_in_all_parts_of_a_log(shift):
     """The shift is positive if the body rates lag the attitude. In this log, the attitude lags the body rates."""
-    found = shifts_of(rolling(np.full(20, shift)))
-    assert len(found) >= 18
-    np.testing.assert_allclose(found, -shift, atol=1e-3)
+    result = shifts_of(rolling(np.full(20, shift)))
+    assert len(result) >= 18
+    np.testing.assert_allclose(result, -shift, atol=1e-3)
 
 
 def test_no_time_shift_is_found_in_short_logs_or_between_unrelated_signals():
@@ -77,10 +77,10 @@ def test_no_time_shift_is_found_in_short_logs_or_between_unrelated_signals():
 def test_only_on_board_sensors_are_used_if_clocks_drift():
     drifting = rolling(CLOCK_SHIFTS)
     np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(CLOCK_SHIFTS), rtol=0.2)
-    (kept,), late, (remark,) = synchronise([drifting])
-    assert {*kept.names} == {"body_rates", "specific_force", "motor_command"}
-    assert kept.period == pytest.approx(0.03)
-    assert not late
+    (result,), is_estimated, (remark,) = synchronise([drifting])
+    assert {*result.names} == {"body_rates", "specific_force", "motor_command"}
+    assert result.period == pytest.approx(0.03)
+    assert not is_estimated
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
@@ -92,20 +92,20 @@ def test_a_constant_time_shift_is_not_taken_for_a_clock_drift():
 
 def test_an_attitude_that_lags_the_gyroscope_counts_as_estimated():
     record = rolling(np.full(20, 0.007))
-    (kept,), late, (remark,) = synchronise([record])
-    assert kept is record
-    assert late
+    (result,), is_estimated, (remark,) = synchronise([record])
+    assert result is record
+    assert is_estimated
     assert remark.startswith("the attitude lags the body rates by 7 ms")
     # An attitude that lags is still used if no other signals are logged.
-    bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
-    assert synchronise([bare]) == ([bare], False, [])
+    without_position = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
+    assert synchronise([without_position]) == ([without_position], False, [])
 
 
 def test_a_clock_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
     record = rolling(CLOCK_SHIFTS, lost=("specific_force",))
-    kept, late, (remark,) = synchronise([record])
-    assert kept == [record]
-    assert not late
+    results, is_estimated, (remark,) = synchronise([record])
+    assert results == [record]
+    assert not is_estimated
     assert remark.endswith("their clocks are not synchronised")
 
 
@@ -129,20 +129,22 @@ def test_a_clock_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkey
     records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
     parts = iter(shifts)
     monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
-    kept, late, remarks = synchronise(records)
-    assert not late
+    results, is_estimated, remarks = synchronise(records)
+    assert not is_estimated
     if drifts:
-        assert [record.attitude for record in kept] == [None] * len(records)
+        assert [record.attitude for record in results] == [None] * len(records)
         deviations = np.concatenate([np.array(each) - np.mean(each) for each in shifts if each])
         assert f"by {1e3 * np.std(deviations):.0f} ms (standard deviation over parts of two seconds)" in remarks[0]
         assert "the rest is averaged over 30 ms" in remarks[0]
     else:
-        assert (kept, remarks) == (records, [])
+        assert (results, remarks) == (records, [])
 
 
 def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
-    """If the clocks differ, logs are averaged to a period of 0.03 s. A log with a longer period keeps its period. If
-    one log has no gyroscope, all records are unchanged."""
+    """If the clocks differ, logs are averaged to a period of 0.03 s.
+
+    A log with a longer period keeps its period. If one log has no gyroscope, all records are unchanged.
+    """
     compared = []
 
     def shifts_of_part(signals, time):
@@ -152,8 +154,8 @@ def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
     monkeypatch.setattr(sampling, "clock_shifts", shifts_of_part)
     fast = rolling(np.zeros(20))
     slow = FlightRecord("slow", 4.0 * TIME, **dict(fast.signals()))
-    kept, _, _ = synchronise([fast, slow])
-    assert [record.period for record in kept] == pytest.approx([0.03, 0.04])
+    results, _, _ = synchronise([fast, slow])
+    assert [record.period for record in results] == pytest.approx([0.03, 0.04])
     for lost in ("attitude", "body_rates"):
         one, _, (remark,) = synchronise([fast, rolling(np.zeros(20), lost=(lost,)).subset(slice(1000))])
         assert remark.endswith("not synchronised") == (lost == "body_rates")
@@ -167,12 +169,12 @@ def noise_with(disturbance) -> PredictionNoise:
 
 def test_a_log_of_fewer_than_256_samples_in_flight_has_no_spectrum():
     random = np.random.default_rng(3)
-    whole = rolling(np.zeros(20))
-    white = replace(whole, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
+    log = rolling(np.zeros(20))
+    white = replace(log, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
     assert fast_command_fraction(white.subset(slice(255))) == 0.0
     assert fast_command_fraction(white.subset(slice(256))) > 0.3
     # Constant commands contain no fast components. Rotor speed commands are treated like throttles.
-    assert fast_command_fraction(whole) == 0.0
+    assert fast_command_fraction(log) == 0.0
     speeds = replace(white, motor_command=None, rotor_speed_command=400.0 * white.motor_command)
     assert fast_command_fraction(speeds) == pytest.approx(fast_command_fraction(white))
     # Commands on the ground are ignored, and a slow drift of the commands is removed.
@@ -184,15 +186,15 @@ def test_a_log_of_fewer_than_256_samples_in_flight_has_no_spectrum():
 
 def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_commands():
     random = np.random.default_rng(2)
-    still = rolling(np.zeros(20))
-    white = replace(still, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
-    smooth = replace(still, motor_command=0.5 + 0.1 * np.sin(np.outer(TIME, [3.0, 4.0, 5.0, 6.0])))
+    log = rolling(np.zeros(20))
+    white = replace(log, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
+    smooth = replace(log, motor_command=0.5 + 0.1 * np.sin(np.outer(TIME, [3.0, 4.0, 5.0, 6.0])))
     assert fast_command_fraction(white) == pytest.approx(0.5, abs=0.03)
     assert fast_command_fraction(smooth) < 0.01
     # Equal commands of all rotors produce no torque.
     common = replace(smooth, motor_command=smooth.motor_command + 0.1 * random.normal(size=(len(TIME), 1)))
     assert fast_command_fraction(common) < 0.01
-    assert fast_command_fraction(replace(still, motor_command=None)) == 0.0
+    assert fast_command_fraction(replace(log, motor_command=None)) == 0.0
     torque = noise_with(disturbance=[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.2])
     parameters = [
         Parameter(name, 1.0, 1.0)
@@ -222,13 +224,13 @@ def test_the_variance_of_the_rotor_time_constant_includes_the_error_of_averaged_
     for sample in range(400):
         response = decay * response + (1.0 - decay) * (sample + 0.5) * period
     error = 400 * period - response - lag
-    own = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, 1e-6]])
+    initial_covariance = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, 1e-6]])
     names, values = (
         ["thrust_factor", "rotor_time_constant", "rotor_time_constant_down"],
         np.array([1.0, lag, 2.0 * lag]),
     )
-    uncertainty = Uncertainty(own, np.full(3, np.inf), own)
+    uncertainty = Uncertainty(initial_covariance, np.full(3, np.inf), initial_covariance)
     covariance = with_averaging_error(uncertainty, names, values, period).covariance
     np.testing.assert_allclose(np.diag(covariance), [4e-6, 9e-6 + error**2, 1e-6 + 0.25 * error**2], rtol=1e-2)
     assert covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]) == pytest.approx(1.0 / 6.0)
-    np.testing.assert_array_equal(with_averaging_error(uncertainty, names, values, 0.0).covariance, own)
+    np.testing.assert_array_equal(with_averaging_error(uncertainty, names, values, 0.0).covariance, initial_covariance)

@@ -1,4 +1,4 @@
-"""Simulated flights of known vehicles, which are used to check identification."""
+"""Tests of the simulated flights of known vehicles with which identification is checked."""
 
 import numpy as np
 import pytest
@@ -26,25 +26,25 @@ def test_the_waypoints_of_a_known_flight_are_equally_spaced_in_time_and_never_re
     known = SYNTHETIC_FLIGHTS[kind]
     scenario = median_scenario(known.simulated_scenario(diagrams))
     plan = plan_route(scenario)
-    times = known.seconds * np.arange(41)
+    times = known.leg_duration * np.arange(41)
     np.testing.assert_allclose(plan.path.times, times, atol=1e-9)
-    places = evaluate(plan.path, times).T
+    positions = evaluate(plan.path, times).T
     yaws = evaluate(plan.yaw, times)[0]
     # Positions stay within these distances from a point at a height of 1.5 m, and yaws have both signs.
     for values, centre, size in (
-        (*[places[:, 0]], 0.0, 1.2),
-        (places[:, 1], 0.0, 1.2),
-        (places[:, 2], 1.5, 0.4),
+        (*[positions[:, 0]], 0.0, 1.2),
+        (positions[:, 1], 0.0, 1.2),
+        (positions[:, 2], 1.5, 0.4),
         (yaws, 0.0, 0.5),
     ):
         assert np.abs(values - centre).max() <= size + 1e-9
         assert np.ptp(values) > 1.7 * size
-    apart = np.linalg.norm(places[:, None] - places, axis=2)
-    assert apart[np.triu_indices(41, 1)].min() > 0.05
+    distances = np.linalg.norm(positions[:, None] - positions, axis=2)
+    assert distances[np.triu_indices(41, 1)].min() > 0.05
     assert {name.partition(".")[0] for name in distributions_in(known.simulated_scenario(diagrams))} >= {"vehicle"}
-    begun = known.initial_scenario(diagrams)
-    assert vehicle_value(begun, "rotor_time_constant") > 0.0
-    assert begun.laboratory.autopilot.kind == scenario.laboratory.autopilot.kind
+    initial = known.initial_scenario(diagrams)
+    assert vehicle_value(initial, "rotor_time_constant") > 0.0
+    assert initial.laboratory.autopilot.kind == scenario.laboratory.autopilot.kind
 
 
 def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
@@ -99,31 +99,33 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
             deviations = np.array([1e-6, 1e-4, 0.1])
             degrees_of_freedom = np.array([9.0, 8.0, 3.0])
 
-    asked = []
+    calls = []
 
     def identify(records, nominal, **options):
-        asked.append((records, nominal, options))
+        calls.append((records, nominal, options))
         return Found()
 
     monkeypatch.setattr(synthetic_flights, "identify", identify)
-    found = check_batch(CheckTask("wind", diagrams, ["duration=0.3"], [4, 7]))
-    assert list(found) == [4, 7]
-    own = SYNTHETIC_FLIGHTS["wind"].simulated_scenario(diagrams, ["duration=0.3"])
-    for sample, rows in found.items():
-        flown = draw_sample(own, sample)
+    result = check_batch(CheckTask("wind", diagrams, ["duration=0.3"], [4, 7]))
+    assert list(result) == [4, 7]
+    scenario = SYNTHETIC_FLIGHTS["wind"].simulated_scenario(diagrams, ["duration=0.3"])
+    for sample, rows in result.items():
+        true_scenario = draw_sample(scenario, sample)
         thrust, inertia, delay = rows
-        assert thrust == CheckedParameter("thrust_factor", vehicle_value(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
-        assert inertia == CheckedParameter("inertia[1]", vehicle_value(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
+        assert thrust == CheckedParameter(
+            "thrust_factor", vehicle_value(true_scenario, "thrust_factor"), 4e-5, 1e-6, 9.0
+        )
+        assert inertia == CheckedParameter("inertia[1]", vehicle_value(true_scenario, "inertia[1]"), 0.007, 1e-4, 8.0)
         # Cameras deliver the state one frame (10 ms) late. A row of the log contains the command that was applied
         # during the preceding 20 ms.
-        frames = flown.laboratory.motion_capture.latency_frames
+        frames = true_scenario.laboratory.motion_capture.latency_frames
         assert delay == CheckedParameter(
             synthetic_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
         )
-    first, second = (rows[0].true for rows in found.values())
+    first, second = (rows[0].true for rows in result.values())
     assert first != second
     # Each flight is identified separately and without held-out flight, from the vehicle of the data sheet.
-    for (record,), nominal, options in asked:
+    for (record,), nominal, options in calls:
         assert record.time[-1] == pytest.approx(0.3, abs=0.021)
         assert nominal == SYNTHETIC_FLIGHTS["wind"].initial_scenario(diagrams)
         assert options == {"held_out_fraction": 0.0}

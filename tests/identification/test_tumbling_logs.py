@@ -1,8 +1,8 @@
-"""Tumbling vehicles with logged commands."""
+"""Tests of the predicted motion of tumbling vehicles whose commands are logged."""
 
 import numpy as np
 import pytest
-from tumbling import degrees_apart, flown, random_tumbles
+from tumbling import degrees_apart, integrate_tumbles, random_tumbles
 
 from drake_quad import load_scenario
 from drake_quad.assembly.laboratory import vehicle_parameters
@@ -26,9 +26,9 @@ def scenario(diagrams):
 @pytest.fixture(scope="module")
 def tumbles():
     """Return twelve tumbling motions in still air, with rotor speeds equal to the commands."""
-    found = random_tumbles(12, seed=8)
-    alike = np.tile(COMMAND, (12, 1))
-    return found._replace(speeds=alike, commands=alike, winds=np.zeros((12, 3)))
+    result = random_tumbles(12, seed=8)
+    speeds = np.tile(COMMAND, (12, 1))
+    return result._replace(speeds=speeds, commands=speeds, winds=np.zeros((12, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def record():
 @pytest.fixture(scope="module")
 def end(scenario, tumbles):
     """Return the positions and rotations after a second."""
-    position, rotation, *_ = flown(vehicle_parameters(scenario.vehicle), tumbles, DURATION)
+    position, rotation, *_ = integrate_tumbles(vehicle_parameters(scenario.vehicle), tumbles, DURATION)
     return position, rotation
 
 
@@ -54,9 +54,9 @@ def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, 
     state[:NUM_BODY, 0] = tumbles.states.T
     for _ in range(round(DURATION / PERIOD)):
         model.step(state)
-    found = state[:NUM_BODY, 0].T
-    assert degrees_apart(found[:, 3:6], end[1]).max() < 1e-3
-    np.testing.assert_allclose(found[:, :3], end[0], atol=1e-5)
+    result = state[:NUM_BODY, 0].T
+    assert degrees_apart(result[:, 3:6], end[1]).max() < 1e-3
+    np.testing.assert_allclose(result[:, :3], end[0], atol=1e-5)
 
 
 def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
@@ -81,4 +81,4 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     noise = PredictionNoise(np.repeat([1e-5, 1e-5], 3), np.full(6, 1e-3), np.ones(6))
     gains = predictor.gains(np.array([mass]), noise)
     assert np.abs(gains.transition).max() < 2.0
-    assert np.abs(gains.errors[predictor.counted]).max() < 1e-5
+    assert np.abs(gains.errors[predictor.evaluated]).max() < 1e-5

@@ -1,4 +1,4 @@
-"""Selection of airborne windows in a record, and reduction of its sampling rate."""
+"""Tests of the selection of airborne windows in a record, and of the reduction of its sampling rate."""
 
 import numpy as np
 import pytest
@@ -61,16 +61,16 @@ def test_windows_are_adjacent_and_do_not_span_a_gap() -> None:
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
     assert segment_numbers(broken)[[500, 501]].tolist() == [0, 1]
-    found = split_into_windows([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
-    assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
+    result = split_into_windows([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
+    assert result == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
 def test_windows_contain_only_airborne_samples() -> None:
     """Sample 130 is not flight, so no window, and no settling time before a window, contains it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
-    found = split_into_windows([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
-    assert [start for _, start in found][:2] == [20, 151]
+    result = split_into_windows([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
+    assert [start for _, start in result][:2] == [20, 151]
 
 
 def test_the_last_third_of_the_flight_is_held_out() -> None:
@@ -84,11 +84,11 @@ def test_downsampling_averages_angles_across_the_wrap_at_180_degrees() -> None:
     """The vehicle turns at a constant rate. The mean of angles on both sides of ±180° is not 0°."""
     yaw = 0.7 * PERIOD * np.arange(2000.0)
     angles = np.column_stack([np.zeros(2000), np.zeros(2000), np.arctan2(np.sin(yaw), np.cos(yaw))])
-    few = downsample(record(attitude=angles), 4)
-    assert few.attitude is not None
-    turn = np.exp(1j * (few.attitude[:, 2] - 0.7 * few.time))
+    downsampled = downsample(record(attitude=angles), 4)
+    assert downsampled.attitude is not None
+    turn = np.exp(1j * (downsampled.attitude[:, 2] - 0.7 * downsampled.time))
     np.testing.assert_allclose(turn, 1.0, atol=1e-9)
-    assert np.abs(few.attitude).max() <= np.pi
+    assert np.abs(downsampled.attitude).max() <= np.pi
 
 
 def test_a_second_around_a_pitch_near_90_degrees_is_left_out_and_reported() -> None:
@@ -104,22 +104,24 @@ def test_a_second_around_a_pitch_near_90_degrees_is_left_out_and_reported() -> N
 
 
 def test_downsampling_averages_commands_after_each_sample_and_measurements_around_it() -> None:
-    """The mean of a measured ramp around a sample is its value at the sample. A command acts in the step that follows
-    the sample, so its mean is over this step."""
+    """The mean of a measured ramp around a sample is its value at the sample.
+
+    A command acts in the step that follows the sample, so its mean is over this step.
+    """
     ramp = np.arange(2000.0)
     tilted = record(motor_command=np.tile(ramp[:, None], 4), specific_force=np.tile(ramp[:, None], 3))
     for step in (4, 5):
-        few = downsample(tilted, step)
-        samples = few.time / PERIOD
-        assert few.specific_force is not None
-        assert few.motor_command is not None
-        np.testing.assert_allclose(few.specific_force[:, 0], samples, atol=1e-9)
-        np.testing.assert_allclose(few.motor_command[:, 0], samples + 0.5 * (step - 1), atol=1e-9)
+        downsampled = downsample(tilted, step)
+        samples = downsampled.time / PERIOD
+        assert downsampled.specific_force is not None
+        assert downsampled.motor_command is not None
+        np.testing.assert_allclose(downsampled.specific_force[:, 0], samples, atol=1e-9)
+        np.testing.assert_allclose(downsampled.motor_command[:, 0], samples + 0.5 * (step - 1), atol=1e-9)
         np.testing.assert_allclose(np.diff(samples), step, atol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("signal", "columns", "carries", "lies"),
+    ("signal", "columns", "airborne_fraction", "ground_fraction"),
     [
         ("motor_command", 4, 0.55, 0.45),
         ("thrust_command", None, 0.55, 0.45),
@@ -129,10 +131,10 @@ def test_downsampling_averages_commands_after_each_sample_and_measurements_aroun
     ],
 )
 def test_a_vehicle_counts_as_airborne_above_half_of_its_median_thrust(
-    signal: str, columns: int | None, carries: float, lies: float
+    signal: str, columns: int | None, airborne_fraction: float, ground_fraction: float
 ) -> None:
     """The usual thrust is the median while the rotors work, which they do for a third of this log."""
-    for fraction, flies in ((carries, True), (lies, False)):
+    for fraction, flies in ((airborne_fraction, True), (ground_fraction, False)):
         command = np.zeros(3000)
         command[1000:2000] = 400.0
         command[1200:1500] *= fraction
@@ -146,13 +148,13 @@ def test_a_vehicle_counts_as_airborne_above_half_of_its_median_thrust(
 
 
 def test_motor_commands_have_priority_in_detecting_flight() -> None:
-    still, hover = np.zeros(2000), np.full(2000, 0.5)
+    zeros, hover = np.zeros(2000), np.full(2000, 0.5)
     four = np.tile(hover[:, None], 4)
-    assert airborne_mask(record(thrust_command=still, rotor_speed_command=0.0 * four)).all()
+    assert airborne_mask(record(thrust_command=zeros, rotor_speed_command=0.0 * four)).all()
     assert not airborne_mask(record(motor_command=0.0 * four, thrust_command=hover, rotor_speed_command=four)).any()
-    speeds = {"motor_command": None, "rotor_speed_command": four, "thrust_command": still}
+    speeds = {"motor_command": None, "rotor_speed_command": four, "thrust_command": zeros}
     assert airborne_mask(record(**speeds)).all()
-    thrust = {"motor_command": None, "thrust_command": hover, "thrust_fraction": still}
+    thrust = {"motor_command": None, "thrust_command": hover, "thrust_fraction": zeros}
     assert airborne_mask(record(**thrust)).all()
     # The whole log counts as flight if no command is logged.
     assert airborne_mask(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
@@ -190,17 +192,17 @@ def test_the_periods_of_logs_may_differ_by_at_most_a_tenth() -> None:
 
 def test_wrapping_changes_an_angle_by_a_multiple_of_a_full_turn() -> None:
     angles = np.linspace(-20.0, 20.0, 999)
-    found = wrapped_angles(angles)
-    assert np.abs(found).max() <= np.pi
-    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
+    result = wrapped_angles(angles)
+    assert np.abs(result).max() <= np.pi
+    np.testing.assert_allclose(np.exp(1j * result), np.exp(1j * angles), atol=1e-12)
 
 
 def test_windows_of_several_logs_are_the_windows_of_each_log() -> None:
     """A window ends before the last sample of a log."""
     sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
-    found = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
-    assert found == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]
+    result = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
+    assert result == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]
 
 
 def test_gaps_are_steps_of_more_than_three_periods() -> None:
@@ -212,26 +214,26 @@ def test_gaps_are_steps_of_more_than_three_periods() -> None:
 
 
 def test_downsampling_averages_whole_steps_and_does_nothing_if_the_step_is_one_sample() -> None:
-    whole = record(1.03)
-    assert downsample(whole, 1) is whole
+    log = record(1.03)
+    assert downsample(log, 1) is log
     for step in (2, 3, 4):
-        few = downsample(whole, step)
-        assert len(few.time) == (103 - step) // step
-        assert few.time[0] == whole.time[step // 2]
+        downsampled = downsample(log, step)
+        assert len(downsampled.time) == (103 - step) // step
+        assert downsampled.time[0] == log.time[step // 2]
     # All weights are equal if a step has an odd number of samples. The outer two are halved if the number is even.
     force = np.zeros((103, 3))
     force[50] = 1.0
     for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):
-        few = downsample(record(1.03, specific_force=force), step)
-        assert few.specific_force is not None
-        values = few.specific_force[:, 0]
+        downsampled = downsample(record(1.03, specific_force=force), step)
+        assert downsampled.specific_force is not None
+        values = downsampled.specific_force[:, 0]
         np.testing.assert_allclose(values[values > 0.0], expected)
         assert values.sum() * step == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("places", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
+@pytest.mark.parametrize("indices", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
 @pytest.mark.parametrize("samples", [1, 2, 5, 20])
-def test_a_mask_is_extended_by_a_number_of_samples(places: list[int], samples: int) -> None:
-    found = np.isin(np.arange(12), places)
-    expected = [any(abs(i - place) <= samples for place in places) for i in range(12)]
-    np.testing.assert_array_equal(_near(found, samples), expected)
+def test_a_mask_is_extended_by_a_number_of_samples(indices: list[int], samples: int) -> None:
+    actual = np.isin(np.arange(12), indices)
+    expected = [any(abs(i - index) <= samples for index in indices) for i in range(12)]
+    np.testing.assert_array_equal(_near(actual, samples), expected)

@@ -74,7 +74,7 @@ def hovering_speed(parameters, thrust_per_weight=1.0):
 
 
 def test_the_reading_at_rest_is_g_upwards():
-    """The reading is g along z in hover. It is g Z expressed in B at rest in any attitude."""
+    """In hover, the reading is g along z. For a vehicle at rest in any attitude, it is g upwards, expressed in B."""
     hover = np.zeros((12, 2))
     measurements, _ = readings(
         SYMMETRIC_VEHICLE, hover, np.full((4, 2), hovering_speed(SYMMETRIC_VEHICLE)), position=SENSOR_POSITION

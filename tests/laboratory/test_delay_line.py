@@ -97,6 +97,6 @@ def test_all_states_of_a_delay_line_have_the_initial_value_in_a_default_context(
 
 
 def test_the_latest_sample_is_from_the_last_tick():
-    """The latest sample is the output if there is no delay, and otherwise the first of the delayed samples."""
+    """Without delay, the latest sample is the output. Otherwise it is the first sample in transit."""
     assert latest_sample("output", ()) == "output"
     assert latest_sample("output", ("latest sample", "earlier sample")) == "latest sample"

@@ -224,7 +224,7 @@ def inputs_at_rest(num_vehicles=1, **rows):
 
 
 def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
-    """The distances to each solid are just below and just above the radius. The last vehicle is inside of a solid."""
+    """The distances to each solid are just below and just above the radius. The last vehicle is inside a solid."""
     x = np.array([1.29, 1.31, 0.0, 0.0, 0.0])
     y = np.array([0.0, 0.0, 2.29, 2.31, 3.0])
     monitor, context = monitor_with_inputs(inputs_at_rest(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
@@ -233,7 +233,7 @@ def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
 
 
 def test_a_vehicle_that_begins_in_a_solid_has_crashed_at_the_first_tick():
-    """At the first tick, no ball is known to be free of solids, so the monitor computes the distances."""
+    """There is no free ball before the first tick, so the monitor computes the distances to all solids."""
     for start in ((0.4, 0.0), (0.0, 0.9)):
         inputs = inputs_at_rest(x=start[0], y=start[1])
         solid = Ball((start[0] + 0.1, start[1], 1.1), radius=0.2)
@@ -266,7 +266,7 @@ def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
 def test_skipping_distance_computations_misses_no_collision(num_vehicles):
-    """Vehicles are slow, fast or jumping. The reference solution computes all distances at every tick."""
+    """Vehicles move by about 1 mm, 3 cm or 30 cm per tick. The expected values use all distances at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
     rock = convex_hull(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
@@ -313,14 +313,15 @@ class CountingSolid:
         return self.shape.distance_lower_bound(x, y, z)
 
 
-def test_distances_are_computed_only_after_a_vehicle_leaves_the_ball_that_is_free_of_solids():
+def test_distances_are_computed_only_after_a_vehicle_leaves_its_free_ball():
+    """A free ball contains only positions at which the vehicle touches no solid."""
     solid = CountingSolid(Ball((2.0, 0.0, 1.0), radius=0.5))
     surroundings, free = Surroundings((solid,), 0.2), FreeBall()
     level = State(*[0.0] * 12)._replace(z=1.0)
     counts = []
-    # The ball that is free of solids has first the radius 1.3 m, then 2.61 m.
-    for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
-        touch, free = detect_contact(level._replace(x=x), flies, free, surroundings)
+    # The first free ball has a radius of 1.3 m, and the second one a radius of 2.61 m.
+    for x, is_flying in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
+        touch, free = detect_contact(level._replace(x=x), is_flying, free, surroundings)
         counts.append(solid.count)
         assert touch == CollidedSolid(1.0 if x == 1.4 else 0.0)
     assert counts == [1, 1, 1, 2, 2, 2, 3]

@@ -97,7 +97,7 @@ def test_a_lost_packet_is_replaced_by_the_previous_one(delay):
     output = log_data.data().reshape(4, n, -1)[0, :, delay + 2 :]
     time = log_data.sample_times()[delay + 2 :]
     ages = np.round((time - (output - 1.0)) / 0.02)
-    # The output is the packet sent `delay` ticks before the last tick, or an older packet if this one was lost.
+    # The output is the packet sent `delay` ticks before the last tick. If that packet was lost, it is an older packet.
     lateness = ages - (delay + 1)
     assert lateness.min() == 0.0
     for ticks in (0, 1, 2):

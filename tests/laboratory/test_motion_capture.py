@@ -193,8 +193,8 @@ def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
         vertical = Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
         body = vertical * Rotation.from_euler("ZYX", misalignment[::-1]).inv()
         attitude = Attitude(*body.as_euler("ZYX")[::-1].tolist())
-        found = attitude_of_markers(attitude, BodyAxes.of(*misalignment))
-        matrix = Rotation.from_euler("ZYX", found[::-1]).as_matrix()
+        result = attitude_of_markers(attitude, BodyAxes.of(*misalignment))
+        matrix = Rotation.from_euler("ZYX", result[::-1]).as_matrix()
         np.testing.assert_allclose(matrix, vertical.as_matrix(), atol=1e-7)
 
 

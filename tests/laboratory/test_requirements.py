@@ -17,7 +17,7 @@ TIME = PERIOD * np.arange(40)  # s
 WINDOW = (TIME >= 2.0) & (TIME <= 6.0)
 
 
-def walks(seed):
+def random_walks(seed):
     """Return a random walk for each component of a record."""
     return Wind(*np.cumsum(np.random.default_rng(seed).normal(size=(3, len(TIME))), axis=1))
 
@@ -30,44 +30,44 @@ def above(row, bound):
     return Bound(RowSelector(row), ("wind",), bound, math.inf)
 
 
-def result(accumulator, wind):
+def robustness_of(accumulator, wind):
     """Return the robustness after all ticks."""
     sums = accumulator.initial
     for i, time in enumerate(TIME):
-        known = {"time": time, "wind": Wind(*(row[i] for row in wind))}
-        sums = accumulator.add(sums, *[known[name] for name in accumulator.arguments], **dict(accumulator.constants))
+        values = {"time": time, "wind": Wind(*(row[i] for row in wind))}
+        sums = accumulator.add(sums, *[values[name] for name in accumulator.arguments], **dict(accumulator.constants))
     return float(robustness(sums, float(len(TIME)), PERIOD))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_always_is_the_smallest_margin_and_eventually_the_largest_in_the_window(seed):
-    wind = walks(seed)
+    wind = random_walks(seed)
     margin = np.minimum(1.0 - wind.x, wind.y + 2.0)
-    both = Combination("all", (below("x", 1.0), above("y", -2.0)))
-    assert result(always(both, 2.0, 6.0), wind) == margin[WINDOW].min()
-    assert result(eventually(both, 2.0, 6.0), wind) == margin[WINDOW].max()
-    one = Combination("any", (below("x", 1.0), above("y", -2.0)))
-    assert result(always(one, 0.0, math.inf), wind) == np.maximum(1.0 - wind.x, wind.y + 2.0).min()
-    assert result(always(Bound(RowSelector("z"), ("wind",), -1.0, 3.0), 0.0, math.inf), wind) == min(
+    conjunction = Combination("all", (below("x", 1.0), above("y", -2.0)))
+    assert robustness_of(always(conjunction, 2.0, 6.0), wind) == margin[WINDOW].min()
+    assert robustness_of(eventually(conjunction, 2.0, 6.0), wind) == margin[WINDOW].max()
+    disjunction = Combination("any", (below("x", 1.0), above("y", -2.0)))
+    assert robustness_of(always(disjunction, 0.0, math.inf), wind) == np.maximum(1.0 - wind.x, wind.y + 2.0).min()
+    assert robustness_of(always(Bound(RowSelector("z"), ("wind",), -1.0, 3.0), 0.0, math.inf), wind) == min(
         (3.0 - wind.z).min(), (wind.z + 1.0).min()
     )
 
 
 def test_a_requirement_without_a_tick_in_its_window_has_no_robustness():
     for accumulator in (always(below("x", 1.0), 50.0, 60.0), eventually(below("x", 1.0), 50.0, 60.0)):
-        assert math.isnan(result(accumulator, walks(0)))
+        assert math.isnan(robustness_of(accumulator, random_walks(0)))
 
 
 @pytest.fixture
 def rtamt(monkeypatch):
-    """Return the library rtamt, whose parser needs a module that Python 3.13 no longer has."""
+    """Return the library rtamt. Its parser imports `typing.io`, which Python 3.13 lacks, so a stub replaces it."""
     monkeypatch.setitem(sys.modules, "typing.io", SimpleNamespace(TextIO=typing.TextIO))
     return pytest.importorskip("rtamt")
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_robustness_agrees_with_the_library_rtamt(seed, rtamt):
-    wind = walks(seed)
+    wind = random_walks(seed)
     x = below("x", 1.0)
     cases = {
         "always[2:6](x <= 1)": always(x, 2.0, 6.0),
@@ -84,4 +84,4 @@ def test_robustness_agrees_with_the_library_rtamt(seed, rtamt):
         specification.spec = formula
         specification.parse()
         ((_, expected), *_) = specification.evaluate({"time": [*TIME], "x": [*wind.x], "y": [*wind.y]})
-        assert result(accumulator, wind) == pytest.approx(expected, abs=1e-12), formula
+        assert robustness_of(accumulator, wind) == pytest.approx(expected, abs=1e-12), formula

@@ -28,9 +28,9 @@ def laboratory(diagrams):
 def fleet_after(scenario, start, equilibrium, deviations, end):
     """Return a fleet's deviations (n, N) from an equilibrium (n,) at a later tick, given the initial deviations."""
     n, N = deviations.shape
-    single = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS)
+    single = ContextVector(build_tracking_diagram(scenario), excluded_systems=PASSIVE_SYSTEMS)
     fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
-    layout = ContextVector(fleet, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(fleet, excluded_systems=PASSIVE_SYSTEMS)
     # Both contexts have the same order of state groups. In a fleet, each component of a group has N elements.
     assert len(layout.names) == n * N
     assert len(single.names) == n
@@ -66,7 +66,7 @@ def test_eigenvalues_predict_how_deviations_from_the_equilibrium_decay_or_grow(l
     assert len(slow_modes) >= 6
     start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in slow_modes]).T
     periods = round(0.8 / loop.system.period)
-    layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(loop.diagram, excluded_systems=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
     begin = loop.context.get_time()
     later = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
@@ -129,8 +129,8 @@ def test_a_laboratory_whose_plant_cannot_be_linearised_is_refused(laboratory, ov
         laboratory_plant(laboratory(override))
 
 
-def test_the_plant_of_the_actual_vehicle_has_its_mass_but_not_its_asymmetry(laboratory):
-    """The gain from thrust to height is inversely proportional to the mass. Thrust rotates neither vehicle."""
+def test_the_plant_of_the_actual_vehicle_contains_its_mass_but_not_its_asymmetry(laboratory):
+    """The gain from thrust to height is inversely proportional to the mass. Thrust does not tilt either vehicle."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
     for vehicle in ("nominal", "actual"):
@@ -216,8 +216,8 @@ def test_at_rest_keeps_a_fan_s_steady_wind_but_not_its_turbulence(laboratory):
 
 
 def test_at_rest_replaces_a_random_route_by_hover_at_a_height_of_one_metre(laboratory):
-    drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
-    assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
+    random_scenario = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
+    assert at_rest(random_scenario).route.position == (0.0, 0.0, 1.0)
 
 
 def test_the_nominal_vehicle_has_the_lag_and_the_drag_of_the_actual_one(laboratory):
@@ -312,12 +312,12 @@ def stub_linearize(monkeypatch, changes, **entries):
     linearize, calls = closed_loop_module.linearize, []
 
     def linearize_with_given_changes(*arguments, **options):
-        system, others = linearize(*arguments, **options)
+        system, state_changes = linearize(*arguments, **options)
         calls.append(1)
-        others[:] = 0.0
-        others[: len(changes)] = changes
+        state_changes[:] = 0.0
+        state_changes[: len(changes)] = changes
         system.A[0, 0] = entries.get("A", system.A[0, 0])
-        return system, others
+        return system, state_changes
 
     monkeypatch.setattr(closed_loop_module, "linearize", linearize_with_given_changes)
     return calls
@@ -339,7 +339,7 @@ def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory
         laboratory_plant(scenario)
         return
     index = 1 if changes[1] < 0.0 else 2
-    names = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS).names
+    names = ContextVector(build_tracking_diagram(scenario), excluded_systems=PASSIVE_SYSTEMS).names
     with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[index]} still {words}"):
         closed_loop(scenario)
     with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):
@@ -351,7 +351,7 @@ def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory
     [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
 )
 def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, changes, entries, num_calls):
-    """It makes twenty steps before it fails if all values are finite, and begins again after a flight."""
+    """If all values are finite, the method fails after twenty steps. A second search starts after a flight."""
     calls = stub_linearize(monkeypatch, changes, **entries)
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())

@@ -60,27 +60,27 @@ def nested():
 
 def test_leaf_systems_are_found_by_path_without_excluded_subsystems(nested):
     assert set(leaf_paths(nested)) == {("b",), ("inner", "a"), ("watcher", "c")}
-    assert set(leaf_paths(nested, without=("watcher",))) == {("b",), ("inner", "a")}
-    assert set(leaf_paths(nested, without=("a", "b"))) == {("watcher", "c")}
+    assert set(leaf_paths(nested, excluded_systems=("watcher",))) == {("b",), ("inner", "a")}
+    assert set(leaf_paths(nested, excluded_systems=("a", "b"))) == {("watcher", "c")}
     assert subsystem(nested, ("inner", "a")).get_name() == "a"
     assert subsystem(nested, ()) is nested
 
 
 def test_elements_are_ordered_by_system_and_group(nested):
-    layout = ContextVector(nested, without=("watcher",))
+    layout = ContextVector(nested, excluded_systems=("watcher",))
     context = nested.CreateDefaultContext()
     assert layout.names == (
         *("b.group_0.0", "b.group_0.1", "b.group_1.0", "b.continuous.0", "b.continuous.1"),
         *("inner.a.pd.x", "inner.a.pd.y", "inner.a.count.number", "inner.a.continuous.x", "inner.a.continuous.y"),
     )
     np.testing.assert_array_equal(layout.read(nested, context), [*range(100, 105), *range(200, 205)])
-    with_parameters = ContextVector(nested, without=("watcher", "inner"), parameters=True)
+    with_parameters = ContextVector(nested, excluded_systems=("watcher", "inner"), parameters=True)
     assert with_parameters.names == (
         *layout.names[:5],
         *("b.parameter_0.0", "b.parameter_1.0", "b.parameter_1.1"),
     )
     np.testing.assert_array_equal(with_parameters.read(nested, context), range(100, 108))
-    named = ContextVector(nested, without=("watcher", "b"), parameters=True)
+    named = ContextVector(nested, excluded_systems=("watcher", "b"), parameters=True)
     assert named.names == (
         *layout.names[5:],
         *("inner.a.gain.number", "inner.a.offset.x", "inner.a.offset.y"),
@@ -102,17 +102,17 @@ def test_element_names_of_a_fleet_contain_the_vehicle_number():
 
 
 def test_written_values_are_read_back_and_nothing_else_changes(nested):
-    layout = ContextVector(nested, without=("b",), parameters=True)
-    whole = ContextVector(nested, parameters=True)
+    layout = ContextVector(nested, excluded_systems=("b",), parameters=True)
+    full_vector = ContextVector(nested, parameters=True)
     context = nested.CreateDefaultContext()
-    before = whole.read(nested, context)
+    before = full_vector.read(nested, context)
     layout.write(nested, context, np.arange(16.0))
     np.testing.assert_array_equal(layout.read(nested, context), np.arange(16.0))
-    np.testing.assert_array_equal(whole.read(nested, context), [*before[:8], *range(16)])
+    np.testing.assert_array_equal(full_vector.read(nested, context), [*before[:8], *range(16)])
 
 
 def test_the_vector_of_a_diagram_without_state_is_empty(nested):
-    layout = ContextVector(nested, without=("b", "inner", "watcher"))
+    layout = ContextVector(nested, excluded_systems=("b", "inner", "watcher"))
     assert layout.read(nested, nested.CreateDefaultContext()).shape == (0,)
 
 

@@ -28,7 +28,7 @@ def test_wind_accelerates_a_hovering_vehicle_by_drag_over_mass(asymmetric):
     disturbances = disturbances_of(asymmetric("pid", *UNDISTURBED_OVERRIDES, HOVER_ROUTE, steady))
     expected = 0.12 / 0.7 * np.array([2.0, -1.5, 0.5])
     np.testing.assert_allclose(disturbances.acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
-    np.testing.assert_allclose(disturbances.turning, 0.0, atol=1e-9)
+    np.testing.assert_allclose(disturbances.angular_acceleration, 0.0, atol=1e-9)
 
 
 def test_drag_decelerates_a_vehicle_along_its_path(asymmetric):
@@ -45,8 +45,8 @@ def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equation
     nominal, actual = np.array([0.0065, 0.0085, 0.0126]), np.array([0.0071, 0.0079, 0.0131])
     scenario = asymmetric("pid", *UNDISTURBED_OVERRIDES, "vehicle.rotor_inertia=0", "nominal.rotor_inertia=0")
     plan = plan_route(scenario)
-    step, _, turning = disturbances_of(scenario)
-    times, h = step * np.arange(1, turning.shape[1] - 1), 1e-4
+    step, _, angular_acceleration = disturbances_of(scenario)
+    times, h = step * np.arange(1, angular_acceleration.shape[1] - 1), 1e-4
     before, rates, after = (
         np.transpose(plan_demand(plan, nominal_parameters(scenario), times + shift).body_rates)
         for shift in (-h, 0.0, h)
@@ -55,18 +55,18 @@ def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equation
     torques = nominal * slopes + np.cross(rates, nominal * rates)
     expected = (torques - np.cross(rates, actual * rates)) / actual - slopes
     assert np.abs(expected[:, :2]).max(axis=0).min() > 0.01
-    np.testing.assert_allclose(turning[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
+    np.testing.assert_allclose(angular_acceleration[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
 
 
-def test_each_vehicle_turns_according_to_its_sample_s_offset_of_the_centre_of_mass(asymmetric):
+def test_each_vehicle_turns_according_to_the_centre_of_mass_of_its_sample(asymmetric):
     offset = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
     scenario = asymmetric("pid", *(each for each in UNDISTURBED_OVERRIDES if "centre" not in each), HOVER_ROUTE, offset)
     batch = Batch.draw(scenario, range(4))
     disturbances = disturbances_along(batch, plan_route(scenario))
     lever = batch.varying["vehicle.centre_of_mass.0"]
     # The angular acceleration is weight times lever divided by the moment of inertia.
-    np.testing.assert_allclose(disturbances.turning[1, 0], 0.7 * 9.79 * lever / 0.0079, rtol=1e-6)
-    np.testing.assert_allclose(disturbances.turning[0, 0], -0.7 * 9.79 * 0.001 / 0.0071, rtol=1e-6)
+    np.testing.assert_allclose(disturbances.angular_acceleration[1, 0], 0.7 * 9.79 * lever / 0.0079, rtol=1e-6)
+    np.testing.assert_allclose(disturbances.angular_acceleration[0, 0], -0.7 * 9.79 * 0.001 / 0.0071, rtol=1e-6)
     assert len({*lever}) == 4
 
 
@@ -91,7 +91,9 @@ def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetri
     )
     torque = np.cross([0.02, 0.03, 0.04], [0.1 * 2.0, 0.2 * -1.5, 0.3 * 0.5])
     expected = torque[:2] / [0.0071, 0.0079]
-    np.testing.assert_allclose(disturbances.turning[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
+    np.testing.assert_allclose(
+        disturbances.angular_acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9
+    )
 
 
 def test_sampled_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):

@@ -12,27 +12,27 @@ def matrices():
     return A, np.outer(b, c), np.outer(d, e), np.outer(b, e)
 
 
-def exact(matrices, points):
-    A, first, second, both = matrices
+def exact_matrices(matrices, points):
+    A, first, second, cross_term = matrices
     x, y = points.T[:, :, np.newaxis, np.newaxis]
-    return A + x * first + (y + 0.2 * y**2) * second + x * y * both
+    return A + x * first + (y + 0.2 * y**2) * second + x * y * cross_term
 
 
 def test_a_model_reproduces_loops_that_are_polynomials_of_second_degree(matrices):
     points = fitting_points(2, np.random.default_rng(1))
-    model = fit_fractional_model(points, exact(matrices, points))
-    others = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2))
-    assert model.loops(others) == pytest.approx(exact(matrices, others), abs=0.06)
+    model = fit_fractional_model(points, exact_matrices(matrices, points))
+    test_points = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2))
+    assert model.loops(test_points) == pytest.approx(exact_matrices(matrices, test_points), abs=0.06)
     assert model.sizes[0] == 1
 
 
 def test_no_loop_within_the_bound_is_unstable_and_one_just_beyond_it_is(matrices):
     points = fitting_points(2, np.random.default_rng(1))
-    model = fit_fractional_model(points, exact(matrices, points))
+    model = fit_fractional_model(points, exact_matrices(matrices, points))
     scale = 1.0 / model.bound(tolerance=1e-3).value
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 41)]), axis=-1).reshape(-1, 2)
-    assert spectral_radii(exact(matrices, 0.99 * scale * grid)).max() < 1.0
-    assert spectral_radii(exact(matrices, 1.15 * scale * grid)).max() > 1.0
+    assert spectral_radii(exact_matrices(matrices, 0.99 * scale * grid)).max() < 1.0
+    assert spectral_radii(exact_matrices(matrices, 1.15 * scale * grid)).max() > 1.0
 
 
 def test_the_exact_loops_are_the_model_plus_u_e_v_with_a_norm_of_e_of_at_most_one():

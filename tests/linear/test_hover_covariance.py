@@ -26,8 +26,8 @@ def hover_statistics(scenario, samples=24, settling_time=15.0):
     errors = []
     for flight in flights:
         state, reference = flight.record("state"), flight.record("reference")
-        late = flight.time > settling_time
-        errors.append([(getattr(state, row) - getattr(reference, row))[late] for row in "xyz"])
+        settled = flight.time > settling_time
+        errors.append([(getattr(state, row) - getattr(reference, row))[settled] for row in "xyz"])
     error = np.array(errors)
     mean = error.mean(axis=(0, 2))
     power = ((error - error.mean(axis=(0, 2))[:, None]) ** 2).mean(axis=2)
@@ -70,8 +70,8 @@ def test_variances_due_to_independent_noise_sources_add_up(diagrams):
     undisturbed = error("laboratory.wind=[]", noise=False)
     np.testing.assert_allclose(undisturbed.deviation, 0.0, atol=1e-12)
     cameras, air = error("laboratory.wind=[]", noise=True), error(f"laboratory.wind=[{TURBULENCE}]", noise=False)
-    both = error(f"laboratory.wind=[{TURBULENCE}]", noise=True)
-    np.testing.assert_allclose(both.deviation**2, cameras.deviation**2 + air.deviation**2, rtol=1e-9)
+    with_wind_and_noise = error(f"laboratory.wind=[{TURBULENCE}]", noise=True)
+    np.testing.assert_allclose(with_wind_and_noise.deviation**2, cameras.deviation**2 + air.deviation**2, rtol=1e-9)
 
 
 def test_the_linear_prediction_ignores_lost_packets_and_frames():

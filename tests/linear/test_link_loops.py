@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.design.cascade import attitude_plant
-from drake_quad.design.gains import AxisGains, pd_loop
+from drake_quad.design.gains import AxisPdGains, pd_loop
 from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
 from drake_quad.linear.link_margins import link_loops
 from drake_quad.linear.margins import frequencies, margins
@@ -27,7 +27,7 @@ OBSERVER_OVERRIDE = (
 
 
 @pytest.fixture(scope="module")
-def loaded(diagrams):
+def load_with_gains(diagrams):
     layers = [diagrams / "gains" / "laboratory.yaml"]
     return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=layers)
 
@@ -55,24 +55,24 @@ def responses(loop):
 
 
 @pytest.mark.slow
-def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_contains_the_height(loaded):
-    scenario = loaded(*ASYMMETRIC_OVERRIDES)
+def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_contains_the_height(load_with_gains):
+    scenario = load_with_gains(*ASYMMETRIC_OVERRIDES)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude
     loops = link_loops(nominal_hover(scenario))
     for row, axis, i, tilt in (("tau_y", "x", 0, 1), ("tau_x", "y", 1, 0)):
-        outer = AxisGains(position.k_p[i], position.k_d[i])
+        outer = AxisPdGains(position.k_p[i], position.k_d[i])
         expected = loop_of_the_torque(
-            laboratory, scenario, axis, outer, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt])
+            laboratory, scenario, axis, outer, AxisPdGains(attitude.k_p[tilt], attitude.k_d[tilt])
         )
         np.testing.assert_allclose(responses(loops[row]), responses(expected), rtol=1e-6)
-    expected = pd_loop(attitude_plant(laboratory, scenario, "z"), AxisGains(6.0, 3.7))
+    expected = pd_loop(attitude_plant(laboratory, scenario, "z"), AxisPdGains(6.0, 3.7))
     np.testing.assert_allclose(responses(loops["thrust"]), responses(expected), rtol=1e-6)
 
 
 @pytest.mark.slow
-def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
-    scenario = loaded(*ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE)
+def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(load_with_gains):
+    scenario = load_with_gains(*ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE)
     multipliers = closed_loop(nominal_hover(scenario)).system.poles()
     loop = link_loop(scenario, "tau_y")
     poles = loop.with_feedback(np.eye(1)).poles()
@@ -81,16 +81,16 @@ def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
 
 
 @pytest.mark.slow
-def test_the_loop_becomes_unstable_at_the_delay_margin(loaded):
+def test_the_loop_becomes_unstable_at_the_delay_margin(load_with_gains):
     """The loop is stable with the largest number of delay ticks below the margin, and unstable with one more."""
-    scenario = loaded(*ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE)
+    scenario = load_with_gains(*ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE)
     loop = link_loop(scenario, "tau_x")
     ticks = int(margins(loop).delay / loop.period)
     assert ticks >= 3
 
     def largest_pole(extra_ticks):
         """Return the largest magnitude of a pole, with additional ticks of delay."""
-        delayed = loaded(
+        delayed = load_with_gains(
             *ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE, f"laboratory.command_link.delay_ticks={1 + extra_ticks}"
         )
         return np.abs(closed_loop(nominal_hover(delayed)).system.poles()).max()

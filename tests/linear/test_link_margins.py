@@ -24,11 +24,11 @@ TICK = 0.02  # s
 
 @pytest.fixture(scope="module")
 def laboratory(diagrams):
-    def loaded(controller=None, *overrides):
+    def load(controller=None, *overrides):
         layers = [f"{diagrams}/controllers/{controller}"] if controller else []
         return load_scenario(f"{diagrams}/laboratory.yaml:nominal", overrides, layers=layers)
 
-    return loaded
+    return load
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def asymmetric_lqg(asymmetric):
     return asymmetric("lqg", "laboratory.wind=[]", "laboratory.motion_capture.dropout_rate=0")
 
 
-def grows(scenario, row, duration):
+def displacement_grows(scenario, row, duration):
     """Return whether a small displacement of the simulated diagram grows after the fast modes have decayed."""
     response = initial_response(closed_loop(scenario), {row: 1e-6}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
@@ -91,12 +91,12 @@ def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(labo
     """The gains of the replaced control have no influence."""
     scenario = laboratory("paper.yaml:pd")
     batch = Batch.draw(scenario, [0])
-    own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
+    control = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
     gains = ["control.position.k_p=[1, 1, 5]"]
     if replaced_part == "control":
         gains.append("control.attitude.k_p=[25, 25, 6]")
     margins_by_signal, expected = (
-        link_margins(laboratory("paper.yaml:pd", *gains), **{replaced_part: own}),
+        link_margins(laboratory("paper.yaml:pd", *gains), **{replaced_part: control}),
         link_margins(scenario),
     )
     assert [*margins_by_signal] == [*Wrench._fields]
@@ -160,7 +160,7 @@ def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_o
     assert ticks >= 2
     for extra_ticks, diverges in ((ticks, False), (ticks + 1, True)):
         scenario = at_rest(laboratory(controller, f"laboratory.command_link.delay_ticks={1 + extra_ticks}"))
-        assert any(grows(scenario, row, 12.0) for row in ("y", "z", "yaw")) == diverges
+        assert any(displacement_grows(scenario, row, 12.0) for row in ("y", "z", "yaw")) == diverges
 
 
 @pytest.mark.long
@@ -187,7 +187,7 @@ def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margi
         scenario = laboratory(controller)
         vehicle = scenario.vehicle.model_copy(update={"inertia": tuple(inertia.values())})
         scenario = scenario.model_copy(update={"vehicle": vehicle})
-        return grows(at_rest(scenario), {"tau_x": "roll", "tau_y": "pitch"}[signal], 16.0)
+        return displacement_grows(at_rest(scenario), {"tau_x": "roll", "tau_y": "pitch"}[signal], 16.0)
 
     assert not diverges(limit * (1.0 - 0.02 * sign))
     assert diverges(limit * (1.0 + 0.02 * sign))

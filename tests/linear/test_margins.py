@@ -13,20 +13,20 @@ PERIOD = 0.02  # s
 
 
 def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
-    """Return a PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
+    """Return the loop of a PD controller and a double integrator with a lag, a zero-order hold and delay ticks."""
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
     n = 3 + delay_ticks
-    whole = np.zeros((n, n))
-    whole[:3, :3], whole[:3, 3:4] = Ad, Bd
-    whole[3:-1, 4:] = np.eye(delay_ticks - 1)
+    state_matrix = np.zeros((n, n))
+    state_matrix[:3, :3], state_matrix[:3, 3:4] = Ad, Bd
+    state_matrix[3:-1, 4:] = np.eye(delay_ticks - 1)
     input_column = np.zeros((n, 1))
     input_column[-1] = 1.0
     output_row = np.zeros((1, n))
     output_row[0, :2] = k_p, k_d
     names = tuple(f"x{i}" for i in range(n))
-    return SampledSystem(whole, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
+    return SampledSystem(state_matrix, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
 
 
 def is_stable(loop, factor=1.0, more_delay=0):
@@ -66,10 +66,10 @@ def test_margins_match_python_control(k_p, k_d):
     grid = frequencies(PERIOD)
     data = control.FrequencyResponseData(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid, smooth=True)
     gain, phase, _, _, crossover, _ = control.stability_margins(data)
-    ours = margins(loop)
-    assert ours.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
-    assert ours.phase == pytest.approx(phase, rel=1e-8)
-    assert ours.crossover == pytest.approx(crossover, rel=1e-8)
+    actual = margins(loop)
+    assert actual.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
+    assert actual.phase == pytest.approx(phase, rel=1e-8)
+    assert actual.crossover == pytest.approx(crossover, rel=1e-8)
 
 
 @pytest.mark.slow
@@ -104,12 +104,15 @@ def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
     B = np.array([[0.0], [gain * frequency**2]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
     n = 2 + delay_ticks
-    whole, input_column, output_row = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
-    whole[:2, :2], whole[:2, 2:3] = Ad, Bd
-    whole[2:-1, 3:] = np.eye(delay_ticks - 1)
+    state_matrix, input_column, output_row = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
+    state_matrix[:2, :2], state_matrix[:2, 2:3] = Ad, Bd
+    state_matrix[2:-1, 3:] = np.eye(delay_ticks - 1)
     input_column[-1], output_row[0, 0] = 1.0, 1.0
     names = tuple(map(str, range(n)))
-    return SampledSystem(whole, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
+    return SampledSystem(state_matrix, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (
+        Ad,
+        Bd,
+    )
 
 
 def test_a_real_positive_response_does_not_limit_the_gain():
@@ -268,12 +271,14 @@ def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
         z = np.exp(1j * turn)
         return -(abs(z - 1.0) ** 2) / (abs(z - pole) * abs(z - pole.conj()))
 
-    middle, reach = np.angle(pole), -np.log(abs(pole))
+    pole_angle, pole_damping = np.angle(pole), -np.log(abs(pole))
     best = scipy.optimize.minimize_scalar(
-        minus_sensitivity, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
+        minus_sensitivity,
+        bounds=(pole_angle - pole_damping, pole_angle + pole_damping),
+        options={"xatol": 1e-6 * pole_damping},
     )
     # Rounding moves the pole by about 1e-15, which changes the height of its peak.
-    assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
+    assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / pole_damping))
 
 
 @pytest.mark.slow
@@ -325,7 +330,7 @@ def first_order(pole, gain, direct=0.0):
 
 
 @pytest.mark.parametrize("frequency", [0.997e-4, 1.003e-4, 1e-3, 2.0])
-def test_the_bandwidth_of_an_integrator_is_its_closed_form_down_to_the_lowest_frequency(frequency):
+def test_the_bandwidth_of_an_integrator_agrees_with_its_closed_form_down_to_the_lowest_frequency(frequency):
     """|L / (1 + L)| = |k / (z - 1 + k)| falls below -3 dB where 4 (1 - k) sin²(ω h / 2) = k²."""
     k = frequency * PERIOD
     expected = 2.0 * np.arcsin(0.5 * k / np.sqrt(1.0 - k)) / PERIOD

@@ -70,8 +70,8 @@ def test_a_trim_includes_a_payload_if_the_vehicle_carries_it_at_the_beginning_of
 )
 def test_a_linear_model_in_flight_matches_finite_differences(asymmetric_vehicle, effects):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
-    place = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
-    trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **place, effects=effects)
+    pose = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
+    trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **pose, effects=effects)
     system = affine_vehicle(trim, asymmetric_vehicle, effects=effects)
     config = QuadrotorConfig(asymmetric_vehicle, effects=effects)
     vehicle = Quadrotor(time_step=0.0, effects=effects.names, parameters=config)
@@ -114,10 +114,10 @@ def test_a_slung_load_swings_as_a_double_pendulum():
 
 def test_linear_models_omit_the_thrust_curve_and_the_battery():
     parameters = QuadrotorParameters()
-    before = Effects(thrust_curve=ThrustCurve(0.1, 1.0, 2.8), battery=Battery(12.6, 10.0, 1.0, 0.02, 0.7))
-    trim = find_trim(parameters, effects=before)
+    effects = Effects(thrust_curve=ThrustCurve(0.1, 1.0, 2.8), battery=Battery(12.6, 10.0, 1.0, 0.02, 0.7))
+    trim = find_trim(parameters, effects=effects)
     bare = linear_vehicle(find_trim(parameters), parameters)
-    np.testing.assert_array_equal(linear_vehicle(trim, parameters, effects=before).A(), bare.A())
+    np.testing.assert_array_equal(linear_vehicle(trim, parameters, effects=effects).A(), bare.A())
 
 
 @pytest.fixture
@@ -143,12 +143,12 @@ def test_at_rest_keeps_a_payload_if_the_vehicle_carries_it_at_the_beginning_and_
 
 def test_the_nominal_vehicle_has_the_aerodynamics_of_the_actual_one(laboratory):
     drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.01, 0.02, 0.03]}"
-    others = [
+    omitted_effects = [
         "vehicle.ground_effect={rotor_radius: 0.1}",
         "vehicle.reaction_torque=true",
         PAYLOAD_OVERRIDE.format(1, "dropped"),
     ]
-    vehicle = nominal_hover(laboratory(drag, "vehicle.rotor_aerodynamics={lift: 0.02}", *others)).vehicle
+    vehicle = nominal_hover(laboratory(drag, "vehicle.rotor_aerodynamics={lift: 0.02}", *omitted_effects)).vehicle
     assert vehicle.body_drag.linear == (0.1, 0.2, 0.3)
     assert vehicle.body_drag.centre_of_pressure == (0.0, 0.0, 0.0)
     assert vehicle.rotor_aerodynamics.lift == 0.02

@@ -29,7 +29,7 @@ def offset_loop(scenario, row):
 
 
 def loop_with_slow_camera(delay_ticks=1):
-    """Return a scenario in which every second tick has a new frame, by default with the default delay."""
+    """Return a scenario with a camera frame at every second tick."""
     delay = f"laboratory.command_link.delay_ticks={delay_ticks}"
     return load_scenario("laboratory:nominal", ["laboratory.motion_capture.period=0.04", delay])
 
@@ -39,8 +39,8 @@ def slow_camera():
     return loop_with_slow_camera()
 
 
-def with_gain(closed, factor):
-    """Return the poles of a loop after its signal is multiplied by a factor."""
+def poles_with_gain(closed, factor):
+    """Return the closed-loop poles if the signal of the loop is multiplied by a factor."""
     gain = (factor - 1.0) / factor
     feedback = gain * np.linalg.inv(np.eye(len(closed.inputs)) - gain * closed.D)
     return np.linalg.eigvals(closed.A + closed.B @ feedback @ closed.C)
@@ -53,10 +53,10 @@ def with_gain(closed, factor):
 def test_a_time_invariant_loop_has_the_same_margins_as_a_periodic_loop(name, signal, row, num_ticks):
     scenario = load_scenario(name)
     loop = offset_loop(scenario, row)
-    found = periodic_margins(lifted([loop] * num_ticks))
+    result = periodic_margins(lifted([loop] * num_ticks))
     expected = link_margins(scenario)[signal]
-    np.testing.assert_allclose(found[:-1], expected[:-1], rtol=1e-5)
-    assert found.bandwidth == pytest.approx(expected.bandwidth, rel=1e-3)
+    np.testing.assert_allclose(result[:-1], expected[:-1], rtol=1e-5)
+    assert result.bandwidth == pytest.approx(expected.bandwidth, rel=1e-3)
 
 
 def sampled_loop(numerator, denominator):
@@ -91,28 +91,28 @@ def test_lifting_keeps_the_response_of_a_periodic_system():
         for _ in range(4)
     ]
     u, x = rng.normal(size=(4, 2)), rng.normal(size=3)
-    whole, start, outputs = lifted(systems), x, []
+    lifted_system, start, outputs = lifted(systems), x, []
     for system, inputs in zip(systems, u, strict=True):
         outputs.append(system.C @ x + system.D @ inputs)
         x = system.A @ x + system.B @ inputs
-    np.testing.assert_allclose(whole.A @ start + whole.B @ u.ravel(), x)
-    np.testing.assert_allclose(whole.C @ start + whole.D @ u.ravel(), np.ravel(outputs))
-    assert whole.inputs == ("a@0", "b@0", "a@1", "b@1", "a@2", "b@2", "a@3", "b@3")
-    assert (whole.period, whole.outputs) == (pytest.approx(0.4), ("y@0", "y@1", "y@2", "y@3"))
+    np.testing.assert_allclose(lifted_system.A @ start + lifted_system.B @ u.ravel(), x)
+    np.testing.assert_allclose(lifted_system.C @ start + lifted_system.D @ u.ravel(), np.ravel(outputs))
+    assert lifted_system.inputs == ("a@0", "b@0", "a@1", "b@1", "a@2", "b@2", "a@3", "b@3")
+    assert (lifted_system.period, lifted_system.outputs) == (pytest.approx(0.4), ("y@0", "y@1", "y@2", "y@3"))
 
 
 def test_a_factor_beyond_the_gain_margins_of_a_periodic_loop_makes_it_unstable(slow_camera):
     closed = offset_loop(slow_camera, 1)
     margins = periodic_margins(closed)
     for decibel in (margins.gain, -margins.gain_reduction):
-        size = [np.abs(with_gain(closed, 10.0 ** (share * decibel / 20.0))).max() for share in (0.999, 1.001)]
+        size = [np.abs(poles_with_gain(closed, 10.0 ** (share * decibel / 20.0))).max() for share in (0.999, 1.001)]
         assert size[0] < 1.0 < size[1]
 
 
 def test_a_phase_beyond_the_phase_margin_of_a_periodic_loop_makes_it_unstable(slow_camera):
     closed = offset_loop(slow_camera, 1)
     phase = math.radians(periodic_margins(closed).phase)
-    size = [np.abs(with_gain(closed, np.exp(-1j * share * phase))).max() for share in (0.999, 1.001)]
+    size = [np.abs(poles_with_gain(closed, np.exp(-1j * share * phase))).max() for share in (0.999, 1.001)]
     assert size[0] < 1.0 < size[1]
 
 
@@ -121,9 +121,12 @@ def test_a_tick_of_delay_reduces_the_delay_margins_of_a_periodic_loop_by_a_tick(
     first, second = (link_margins(each) for each in (slow_camera, loop_with_slow_camera(2)))
     for signal in ("thrust", "tau_x", "tau_z"):
         assert second[signal].delay == pytest.approx(first[signal].delay - tick, rel=1e-5)
-    # The loops of the largest delays that are stable and of the smallest that are not:
+    # The loop is stable with the largest number of additional ticks within the delay margin, but not with one more.
     ticks = math.floor(min(margins.delay for margins in first.values()) / tick)
-    sizes = [np.abs(closed_loop(loop_with_slow_camera(1 + ticks + more)).system.poles()).max() for more in (0, 1)]
+    sizes = [
+        np.abs(closed_loop(loop_with_slow_camera(1 + ticks + extra_ticks)).system.poles()).max()
+        for extra_ticks in (0, 1)
+    ]
     assert sizes[0] < 1.0 < sizes[1]
 
 
@@ -141,6 +144,25 @@ def test_the_sensitivity_peak_and_the_disk_margin_are_gains_of_the_periodic_loop
         assert 0.99 * expected < gain < 1.00001 * expected
 
 
+@pytest.mark.parametrize("num_ticks", [1, 3])
+@pytest.mark.parametrize(("gain", "direct", "expected"), [(0.25, 0.0, 0.0), (0.0, 10.0, math.inf)])
+def test_the_bandwidth_is_zero_or_infinite_if_the_response_never_crosses_minus_3_db(num_ticks, gain, direct, expected):
+    """The loop is gain / (z - 0.5) + direct. |T| is at most 1/3 in the first case and always 10/11 in the second."""
+    opened = SampledSystem(*np.reshape([0.5, 1.0, gain, direct], (4, 1, 1)), 0.1, ("x",), ("u",), ("y",))
+    feedback = opened.C / (1.0 + opened.D)
+    closed = replace(
+        opened,
+        A=opened.A - opened.B @ feedback,
+        B=opened.B / (1.0 + opened.D),
+        C=-feedback,
+        D=1.0 / (1.0 + opened.D),
+        inputs=("injection.0",),
+        outputs=("injected.0",),
+    )
+    assert periodic_margins(lifted([closed] * num_ticks)).bandwidth == expected
+    assert margins_of(opened).bandwidth == expected
+
+
 def test_margins_of_all_signals_of_a_periodic_loop_agree(slow_camera):
     expected, fast = [*link_margins(slow_camera).values()], fast_link_margins(slow_camera)
     np.testing.assert_allclose(fast.sensitivity, [each.sensitivity for each in expected], rtol=1e-3)
@@ -149,7 +171,7 @@ def test_margins_of_all_signals_of_a_periodic_loop_agree(slow_camera):
 
 
 @pytest.mark.parametrize("name", ["warehouse_uwb", pytest.param("outdoor_gnss", marks=pytest.mark.long)])
-def test_what_no_sensor_measures_does_not_make_the_loops_of_an_estimator_unstable(name):
+def test_unobservable_states_do_not_make_the_loops_of_an_estimator_unstable(name):
     """The yaw and the bias of its gyroscope are unobservable without a magnetometer, and the loop has a pole at 1."""
     margins = link_margins(median_scenario(load_scenario(name)))
     assert margins["yaw"] is None

@@ -72,15 +72,15 @@ def test_the_jacobian_of_the_whole_loop_matches_finite_differences(hover, overri
     scenario = hover(*overrides)
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
-    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+    system, _ = linearize(diagram, context, period=0.02, excluded_systems=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS)
     numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
     np.testing.assert_allclose(system.A, numeric, atol=2e-8)
 
 
 def test_the_state_of_a_diagram_has_unique_names_and_excludes_monitor_and_recorder(hover):
     diagram = build_tracking_diagram(hover(*IMPERFECT_OVERRIDES), record=True)
-    names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
+    names = ContextVector(diagram, excluded_systems=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
     assert "laboratory.motion_capture.measurement_in_transit.0.v_x" in names
@@ -94,7 +94,7 @@ def test_vehicles_with_a_continuous_state_and_with_a_time_step_have_the_same_mod
     poles_of_models = []
     for time_step in (0.01, 0.0):
         diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
-        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=PASSIVE_SYSTEMS)
+        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, excluded_systems=PASSIVE_SYSTEMS)
         poles_of_models.append(
             {tuple(np.round(pole, 4)) for pole in np.column_stack([system.poles().real, abs(system.poles().imag)])}
         )
@@ -160,10 +160,10 @@ def test_operations_on_systems_match_python_control():
 
 def test_python_control_and_scipy_have_the_same_poles_and_steps():
     system = random_system(np.random.default_rng(2))
-    ours = [np.zeros(5)]
+    outputs = [np.zeros(5)]
     for _ in range(40):
-        ours.append(system.A @ ours[-1] + system.B @ [1.0, 0.0])
-    steps = np.array(ours[:-1]) @ system.C.T + system.D[:, 0]
+        outputs.append(system.A @ outputs[-1] + system.B @ [1.0, 0.0])
+    steps = np.array(outputs[:-1]) @ system.C.T + system.D[:, 0]
     by_control, by_scipy = system.to_control(), system.to_scipy()
     assert by_scipy.dt == by_control.dt == system.period
     for poles in (by_control.poles(), np.linalg.eigvals(by_scipy.A)):
@@ -179,10 +179,10 @@ def test_unreachable_and_unobservable_states_are_left_out():
     A = np.diag([0.5, 0.6, 0.7, 0.8]) + np.diag([0.1, 0.0, 0.1], k=-1)  # State 0 drives state 1, and 2 drives 3.
     B, C = np.array([[1.0], [0.0], [0.0], [0.0]]), np.array([[0.0, 1.0, 0.0, 1.0]])
     system = SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, ("a", "b", "c", "d"), ("u",), ("y",))
-    small = system.connected()
-    assert small.states == ("a", "b")
+    connected = system.connected()
+    assert connected.states == ("a", "b")
     z = np.exp(1j * np.array([0.1, 1.0]))
-    np.testing.assert_allclose(small.response(z), system.response(z), atol=1e-14)
+    np.testing.assert_allclose(connected.response(z), system.response(z), atol=1e-14)
     # Units have no influence, because each entry is compared with the other entries in its row.
     faint = replace(system, B=1e-14 * system.B, C=1e-14 * system.C)
     assert faint.connected().states == ("a", "b")
@@ -255,7 +255,7 @@ def test_the_change_of_the_state_is_its_difference_over_a_period():
 
 def test_a_system_without_inputs_and_outputs_has_empty_matrices():
     diagram, context = two_inputs()
-    system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, without=("first",))
+    system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, excluded_systems=("first",))
     assert system.states == ("second.group_0.0",)
     assert [matrix.shape for matrix in (system.A, system.B, system.C, system.D)] == [(1, 1), (1, 0), (0, 1), (0, 0)]
 
@@ -266,14 +266,14 @@ def test_times_of_ticks_equal_those_of_drake():
     assert tick_after(0.1, 0.1, 6) == 7 * 0.1 != 0.7
 
 
-@pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
-def test_an_entry_of_1e_12_relative_to_its_row_is_significant(size, kept):
+@pytest.mark.parametrize(("size", "is_kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
+def test_an_entry_of_1e_12_relative_to_its_row_is_significant(size, is_kept):
     """The tested entry is the only path from the first state to the output."""
     A = np.array([[0.5, 0.0], [size, 1.0]])
     system = SampledSystem(
         A, np.array([[1.0], [1.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
     )
-    assert system.connected().states == kept
+    assert system.connected().states == is_kept
     assert system.connected(tolerance=1e-15).states == ("a", "b")
     assert system.connected(tolerance=1e-9).states == ("b",)
 
@@ -292,11 +292,11 @@ def test_states_between_any_input_and_any_output_are_kept():
     system = SampledSystem(
         np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")
     )
-    small = system.connected()
-    assert small.states == ("a", "b")
-    np.testing.assert_array_equal(small.A, np.diag([0.5, -0.6]))
-    np.testing.assert_array_equal(small.B, B[:2])
-    np.testing.assert_array_equal(small.C, C[:, :2])
+    connected = system.connected()
+    assert connected.states == ("a", "b")
+    np.testing.assert_array_equal(connected.A, np.diag([0.5, -0.6]))
+    np.testing.assert_array_equal(connected.B, B[:2])
+    np.testing.assert_array_equal(connected.C, C[:, :2])
 
 
 def test_states_that_are_reached_in_many_steps_are_kept():
@@ -314,10 +314,10 @@ def test_the_frequency_response_at_a_pole_of_the_system_is_refused():
         system.response(np.array([1.0, 0.25]))
 
 
-def drifting_system(shown):
-    """Return a decaying mode beside a drift that grows in time, which acts on the output if `shown` is not zero."""
+def drifting_system(output_gain):
+    """Return a system with a decaying mode and a double integrator, which acts on the output with the given gain."""
     A = np.array([[0.5, 0.0, 0.0], [0.1, 1.0, 1.0], [0.0, 0.0, 1.0]])
-    B, C = np.array([[1.0], [0.3], [0.2]]), np.array([[1.0, shown, 0.0]])
+    B, C = np.array([[1.0], [0.3], [0.2]]), np.array([[1.0, output_gain, 0.0]])
     return SampledSystem(A, B, C, np.zeros((1, 1)), 0.1, ("a", "b", "c"), ("u",), ("y",))
 
 
@@ -345,8 +345,8 @@ def test_linearizing_each_tick_of_a_period_gives_the_map_over_the_period():
     scenario = load_scenario("laboratory:nominal", [*IMPERFECT_OVERRIDES, "laboratory.motion_capture.period=0.04"])
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    whole, change = linearize(diagram, context, period=0.04, without=PASSIVE_SYSTEMS)
-    ticks, total = linearize_ticks(diagram, context, period=0.02, num_ticks=2, without=PASSIVE_SYSTEMS)
-    np.testing.assert_allclose(ticks[1].A @ ticks[0].A, whole.A, rtol=1e-12, atol=1e-9)
+    period_model, change = linearize(diagram, context, period=0.04, excluded_systems=PASSIVE_SYSTEMS)
+    ticks, total = linearize_ticks(diagram, context, period=0.02, num_ticks=2, excluded_systems=PASSIVE_SYSTEMS)
+    np.testing.assert_allclose(ticks[1].A @ ticks[0].A, period_model.A, rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(total, change, rtol=0.0, atol=1e-12)
     assert np.abs(ticks[0].A - ticks[1].A).max() > 0.1

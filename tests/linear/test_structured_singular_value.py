@@ -14,8 +14,8 @@ def scalars(kinds):
     return [Block(1, is_real=kind == "r") for kind in kinds]
 
 
-# Bounds by SLICOT's AB13MD (slycot 0.7.1) for the matrices of these seeds. It computes the same bound, for real blocks
-# of size 1.
+# SLICOT's AB13MD (slycot 0.7.1) computed these bounds. It computes the same bound as `mu_bound`, but supports only real
+# blocks of size 1.
 @pytest.mark.parametrize(
     ("seed", "kinds", "value"),
     [
@@ -56,7 +56,7 @@ def test_the_bound_of_one_repeated_real_number_is_the_largest_real_eigenvalue():
 
 
 def test_the_bound_of_a_matrix_of_rank_one_is_that_of_a_linear_program():
-    # det(I - u vᴴ Δ) = 0 is Σ δᵢ aᵢ = 1 with aᵢ = v̄ᵢ uᵢ, and the bound is exact (P. Young, 1994).
+    # det(I - u vᴴ Δ) = 0 is equivalent to Σ δᵢ aᵢ = 1 with aᵢ = v̄ᵢ uᵢ. The bound is exact (P. Young, 1994).
     generator = np.random.default_rng(5)
     u, v = generator.standard_normal((2, 4)) + 1j * generator.standard_normal((2, 4))
     a = v.conj() * u
@@ -96,8 +96,8 @@ def test_no_uncertainty_smaller_than_the_bound_makes_the_matrix_singular():
 
 def test_a_poor_first_guess_gives_the_same_bound():
     M = random_matrix(7, 5)
-    other = mu_bound(random_matrix(8, 5), scalars("rrrcc"))
-    values = [mu_bound(M, scalars("rrrcc"), tolerance=1e-5, starts=each).value for each in ([], [other])]
+    other_matrix_bound = mu_bound(random_matrix(8, 5), scalars("rrrcc"))
+    values = [mu_bound(M, scalars("rrrcc"), tolerance=1e-5, starts=each).value for each in ([], [other_matrix_bound])]
     assert values[0] == pytest.approx(values[1], rel=1e-4)
 
 

@@ -1,4 +1,4 @@
-"""Tests of operating points and linear models of the vehicle, by matrices derived by hand and finite differences."""
+"""Comparison of operating points and linear models of the vehicle with analytical matrices and finite differences."""
 
 import math
 

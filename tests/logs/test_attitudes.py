@@ -1,4 +1,4 @@
-"""Conversion of logged attitudes to `scipy.spatial.transform.Rotation`."""
+"""Test of the conversion of logged attitudes to `scipy.spatial.transform.Rotation`."""
 
 import numpy as np
 import pytest

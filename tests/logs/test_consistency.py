@@ -1,4 +1,4 @@
-"""Contradicting signals of a log are reported with a probable cause; consistent ones are not."""
+"""Tests that contradictory signals of a log are reported with a probable cause, and consistent ones are not."""
 
 import functools
 import math
@@ -86,15 +86,17 @@ def test_a_physically_correct_flight_has_no_contradiction():
     assert found() == []
     assert list(inconsistencies(flight(noise=0.0), TIME)) == []
     # A log with a gap, and a shorter log, have no contradiction either.
-    kept = (TIME < 8.0) | (TIME > 9.5)
-    assert list(inconsistencies({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
+    outside_gap = (TIME < 8.0) | (TIME > 9.5)
+    assert (
+        list(inconsistencies({name: values[outside_gap] for name, values in flight().items()}, TIME[outside_gap])) == []
+    )
     for count in (2, 30, 120):
         assert list(inconsistencies({name: values[:count] for name, values in flight().items()}, TIME[:count])) == []
 
 
 def test_windows_that_touch_a_gap_are_left_out():
-    kept = (TIME < 8.0) | (TIME > 9.5)
-    grid = _on_grid({"position": flight()["position"][kept]}, TIME[kept])
+    outside_gap = (TIME < 8.0) | (TIME > 9.5)
+    grid = _on_grid({"position": flight()["position"][outside_gap]}, TIME[outside_gap])
     edges = TIME[0] + grid.step * np.arange(len(grid.usable))
     np.testing.assert_allclose(edges[~grid.usable][[0, -1]], [7.99, 9.5], atol=0.011)
     starts = grid.starts(20)
@@ -119,13 +121,13 @@ def test_a_log_with_a_repaired_fault_is_compared_like_a_correct_log(without):
     grid = _on_grid(signals, time)
     _pairs(grid)
     for fault in faults(grid.signals):
-        repaired, fresh = grid.repaired(fault), _on_grid(signals, time).repaired(fault)
+        repaired, expected = grid.repaired(fault), _on_grid(signals, time).repaired(fault)
         # Signals that need motion are not compared if the repaired velocity hardly varies.
-        pairs, others = _pairs(repaired), _pairs(fresh)
-        assert pairs.keys() == others.keys()
+        pairs, expected_pairs = _pairs(repaired), _pairs(expected)
+        assert pairs.keys() == expected_pairs.keys()
         for compare, pair in pairs.items():
-            np.testing.assert_array_equal(pair.expected, others[compare].expected)
-            np.testing.assert_array_equal(pair.measured, others[compare].measured)
+            np.testing.assert_array_equal(pair.expected, expected_pairs[compare].expected)
+            np.testing.assert_array_equal(pair.measured, expected_pairs[compare].measured)
 
 
 @pytest.mark.parametrize(
@@ -140,9 +142,9 @@ def test_a_time_step_is_a_gap_if_it_exceeds_three_samples_and_50_ms(period, step
     assert grid.usable.all() != is_gap
     edges = grid.step * np.arange(len(grid.usable) + 1)
     inside = (edges[:-1] > time[199] - 1e-9) & (edges[1:] < time[200] + 1e-9)
-    beside = (edges[1:] < time[199] + 1e-9 - period) | (edges[:-1] > time[200] - 1e-9 + period)
+    outside = (edges[1:] < time[199] + 1e-9 - period) | (edges[:-1] > time[200] - 1e-9 + period)
     assert (grid.usable[inside] != is_gap).all()
-    assert grid.usable[beside].all()
+    assert grid.usable[outside].all()
 
 
 @pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
@@ -157,7 +159,7 @@ def test_grid_values_are_means_over_grid_steps_in_the_middle_of_the_log(period, 
     np.testing.assert_allclose(np.diff(middles), grid.step)
     assert np.mean(middles) == pytest.approx(0.5 * seconds, abs=2.0 * grid.step)
     # A window has at least one step.
-    assert (grid.samples(1e-3), grid.samples(0.6)) == (1, round(0.6 / grid.step))
+    assert (grid.num_steps(1e-3), grid.num_steps(0.6)) == (1, round(0.6 / grid.step))
     # A vehicle at constant velocity does not accelerate, so the grid does not count as moving.
     assert not grid.is_moving
     assert _on_grid({"position": np.zeros((49, 3))}, 0.01 * np.arange(49.0)) is None
@@ -245,7 +247,7 @@ def test_each_wrong_sign_is_named(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "factor", "words"),
+    ("name", "factor", "message"),
     [
         ("position", 1e3, "millimetres were taken for metres"),
         ("velocity", 1e2, "centimetres were taken for metres"),
@@ -259,9 +261,9 @@ def test_each_wrong_sign_is_named(name):
         ("reference_position", 1e2, "centimetres were taken for metres"),
     ],
 )
-def test_each_wrong_unit_is_named(name, factor, words):
+def test_each_wrong_unit_is_named(name, factor, message):
     (remark,) = found({name: factor * flight()[name]})
-    assert remark.endswith(f": {name} looks as if {words}")
+    assert remark.endswith(f": {name} looks as if {message}")
 
 
 @pytest.mark.long
@@ -310,30 +312,30 @@ def test_a_time_shift_is_measured(name, other, shift):
     assert ("behind" if shift > 0.0 else "ahead of") + f" the derivative of {other}" in remark
 
 
-@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
-def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitude, seen):
+@pytest.mark.parametrize(("amplitude", "is_detected"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
+def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitude, is_detected):
     """The comparison of amplitudes includes the mean force, which is the weight.
 
     The comparison of time shifts does not.
     """
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
-    still = np.zeros((len(TIME), 2))
+    horizontal = np.zeros((len(TIME), 2))
     # The acceleration is a sum of two sines.
     acceleration = amplitude * np.sin(phases).sum(axis=1)
     velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
-    late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))
+    delayed = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))
     remarks = list(
         inconsistencies(
             {
                 "attitude": np.zeros((len(TIME), 3)),
-                "velocity": np.column_stack([still, velocity]),
-                "specific_force": np.column_stack([still, GRAVITY + late]),
+                "velocity": np.column_stack([horizontal, velocity]),
+                "specific_force": np.column_stack([horizontal, GRAVITY + delayed]),
             },
             TIME,
         )
     )
-    if seen:
+    if is_detected:
         (remark,) = remarks
         assert re.match(r"specific_force is (99|100|101) ± \d ms behind the acceleration and gravity: ", remark)
     else:
@@ -430,8 +432,8 @@ def test_the_horizontal_acceleration_follows_from_the_tangent_of_the_tilt():
 
 
 def test_the_magnitude_of_a_force_is_compared_outside_of_gaps():
-    kept = (TIME < 8.0) | (TIME > 9.5)
-    grid = _on_grid({"specific_force": flight()["specific_force"][kept]}, TIME[kept])
+    outside_gap = (TIME < 8.0) | (TIME > 9.5)
+    grid = _on_grid({"specific_force": flight()["specific_force"][outside_gap]}, TIME[outside_gap])
     pair = _size_of_force(grid)
     assert len(pair.measured) == len(pair.expected) == grid.usable.sum()
     np.testing.assert_array_equal(pair.expected, GRAVITY)
@@ -456,8 +458,8 @@ def test_a_wrong_sign_is_reported_if_changing_the_sign_removes_most_of_the_disag
 
 def sized(values, size):
     """Scale each axis of a motion so that the RMS of its values, clipped to their 90 % quantile, is `size`."""
-    most = np.quantile(np.abs(values), 0.9, axis=0)
-    return size * values / np.sqrt(np.mean(np.clip(values, -most, most) ** 2, axis=0))
+    limit = np.quantile(np.abs(values), 0.9, axis=0)
+    return size * values / np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2, axis=0))
 
 
 @pytest.mark.parametrize(("multiple", "contradicts"), [(1.8, False), (2.2, True), (4.0, True)])
@@ -474,16 +476,16 @@ def test_independent_signals_contradict_each_other_if_one_exceeds_twice_the_ampl
 ):
     """The motions are slow, so averaging over windows of 0.2 s hardly changes their amplitudes."""
     moving = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
-    still = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
+    small = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
     if name == "velocity":
-        signals = {"position": still, "velocity": moving}
+        signals = {"position": small, "velocity": moving}
     elif name == "body_rates":
-        signals = {"attitude": still, "body_rates": moving}
+        signals = {"attitude": small, "body_rates": moving}
     else:
         # A constant acceleration along z shows that the vehicle moves.
-        velocity = still + np.outer(TIME, [0.0, 0.0, 0.1])
+        velocity = small + np.outer(TIME, [0.0, 0.0, 0.1])
         force = moving * [1.0, 1.0, 0.0] + [0.0, 0.0, GRAVITY + 0.1]
-        signals = {"attitude": 0.0 * still, "velocity": velocity, "specific_force": force}
+        signals = {"attitude": 0.0 * small, "velocity": velocity, "specific_force": force}
     remarks = list(inconsistencies(signals, TIME))
     assert any(remark.startswith(f"{name} contradicts {other}") for remark in remarks) == contradicts
 
@@ -540,7 +542,7 @@ def test_a_body_force_is_compared_at_the_attitude_in_the_middle_of_a_window():
     """With exact signals, expected and measured force differ only because the attitude changes within a window."""
     grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
     pair = _force_in_body(grid)
-    means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
+    means = grid.mean(grid.signals["specific_force"], grid.num_steps(0.2))[:, :2]
     np.testing.assert_allclose(pair.measured, means[: len(pair.measured)])
     size = np.std(pair.measured, axis=0)
     assert np.all(np.std(pair.measured - pair.expected, axis=0) < 0.04 * size)
@@ -596,14 +598,14 @@ def test_a_message_states_the_correlation():
     assert size == pytest.approx(other, rel=0.1)
 
 
-@pytest.mark.parametrize(("size", "words"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
-def test_a_disagreement_names_both_amplitudes_or_says_that_the_other_signal_is_constant(size, words):
+@pytest.mark.parametrize(("size", "message"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
+def test_a_disagreement_names_both_amplitudes_or_says_that_the_other_signal_is_constant(size, message):
     """The signals alternate between two values, so clipping at their quantile does not change their amplitude."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "the derivative of position", 0.5 * signal, -size * signal, 0.1, ("x",))
     correlation = "-1.00" if size else "0.00"
     text = pair.text(0).replace("-0.00", "0.00")
-    assert text == f"the derivative of position along x (correlation {correlation}, amplitudes {words})"
+    assert text == f"the derivative of position along x (correlation {correlation}, amplitudes {message})"
     angles = pair._replace(other="it", expected=1e-10 * size * signal, axes=("roll",))
     assert angles.text(0) == f"it in roll (correlation {correlation}, which is constant)"
 
@@ -647,9 +649,9 @@ def test_the_shipped_flights_have_no_contradiction(path):
     assert not any("looks as if" in each or "looks wrong" in each or "contradicts" in each for each in record.remarks)
 
 
-@pytest.mark.parametrize("place", [0.7, 1.6, 2.0, 3.3, 4.4])
-def test_the_minimum_of_a_parabola_is_found_between_its_samples(place):
-    assert _refined_minimum(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
+@pytest.mark.parametrize("minimum", [0.7, 1.6, 2.0, 3.3, 4.4])
+def test_the_minimum_of_a_parabola_is_found_between_its_samples(minimum):
+    assert _refined_minimum(7.0 * (np.arange(6.0) - minimum) ** 2 + 2.0) == pytest.approx(minimum)
 
 
 @pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])

@@ -1,4 +1,4 @@
-"""Conversion of columns to signals on one clock: choice of the clock, choice of signals, interpolation."""
+"""Tests of the conversion of columns to signals on one clock: choice of clock and signals, and interpolation."""
 
 import numpy as np
 import pytest
@@ -66,8 +66,8 @@ def test_signals_present_for_less_than_half_of_the_time_are_left_out():
 
 def test_a_record_has_the_samples_at_which_all_signals_are_known():
     clock = 0.1 * np.arange(101)
-    late, early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
-    inside, remarks = conversion._common_samples([late, early], clock)
+    starting_late, ending_early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
+    inside, remarks = conversion._common_samples([starting_late, ending_early], clock)
     np.testing.assert_array_equal(inside, (clock >= 2.05) & (clock <= 8.55 + 1e-9))
     assert remarks == [
         "the first 2.05 s are left out: position is not logged yet",
@@ -97,51 +97,53 @@ def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_sho
         turning = channel(signal, 0.0, 6.0, 0.25)
         yaw = 3.0 * turning.values
         wrapped = turning._replace(values=np.arctan2(np.sin(yaw), np.cos(yaw)))
-        found = conversion._resampled(wrapped, clock, inside)
-        assert np.abs(found).max() <= np.pi
+        actual = conversion._resampled(wrapped, clock, inside)
+        assert np.abs(actual).max() <= np.pi
         if not conversion.is_held(signal):
-            expected = np.broadcast_to(3.0 * clock[inside][:, None], found.shape)
-            np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-9)
+            expected = np.broadcast_to(3.0 * clock[inside][:, None], actual.shape)
+            np.testing.assert_allclose(np.exp(1j * actual), np.exp(1j * expected), atol=1e-9)
     # A signal on the record's clock is unchanged, unless some of its values are missing.
-    own = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
-    np.testing.assert_array_equal(conversion._resampled(own, own.clock, inside), own.values[inside])
-    holes = own._replace(rows=np.delete(own.rows, 30), values=np.delete(own.values, 30, axis=0))
-    found = conversion._resampled(holes, own.clock, inside)
-    expected = own.values.copy()
-    expected[30] = 0.5 * (own.values[29] + own.values[31])
-    np.testing.assert_allclose(found, expected[inside])
+    complete = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
+    np.testing.assert_array_equal(conversion._resampled(complete, complete.clock, inside), complete.values[inside])
+    incomplete = complete._replace(rows=np.delete(complete.rows, 30), values=np.delete(complete.values, 30, axis=0))
+    actual = conversion._resampled(incomplete, complete.clock, inside)
+    expected = complete.values.copy()
+    expected[30] = 0.5 * (complete.values[29] + complete.values[31])
+    np.testing.assert_allclose(actual, expected[inside])
 
 
 @pytest.mark.parametrize(
-    ("unit", "scale", "least", "most"),
+    ("unit", "scale", "minimum", "maximum"),
     [("1", 1.0, -0.5, 1.5), ("uint16", 65535.0, -1e-3, 1.001), ("%", 100.0, -0.5, 1.5)],
 )
-def test_rows_with_impossible_commands_are_left_out_as_damaged(unit, scale, least, most):
+def test_rows_with_impossible_commands_are_left_out_as_damaged(unit, scale, minimum, maximum):
     source = {"columns": ["a", "b", "c", "d"], "unit": unit}
     mapping = Mapping(signals={"motor_command": source})
-    width = most - least
+    width = maximum - minimum
     for command, damaged in (
-        (least + 1e-4 * width, False),
-        (least - 1e-4 * width, True),
-        (most - 1e-4 * width, False),
-        (most + 1e-4 * width, True),
+        (minimum + 1e-4 * width, False),
+        (minimum - 1e-4 * width, True),
+        (maximum - 1e-4 * width, False),
+        (maximum + 1e-4 * width, True),
     ):
         columns = {name: np.zeros(5) for name in "abcd"}
         columns["c"][[2, 4]] = command * scale
         table = Table("motors", 7.0 + np.arange(5.0), columns, 6.9 + np.arange(5.0))
-        notes = []
-        found = conversion._without_damaged_rows(table, mapping, notes)
+        remarks = []
+        result = conversion._without_damaged_rows(table, mapping, remarks)
         if damaged:
-            assert found.time.tolist() == [7.0, 8.0, 10.0]
-            np.testing.assert_allclose(found.sample_time, [6.9, 7.9, 9.9])
-            assert len(found.columns["a"]) == 3
-            (note,) = notes
-            assert note.startswith("2 of 5 samples are left out, first at 2 s: the log is damaged, with motor commands")
-            assert note.endswith(f" of up to {abs(command):.3g} times the full command")
+            assert result.time.tolist() == [7.0, 8.0, 10.0]
+            np.testing.assert_allclose(result.sample_time, [6.9, 7.9, 9.9])
+            assert len(result.columns["a"]) == 3
+            (remark,) = remarks
+            assert remark.startswith(
+                "2 of 5 samples are left out, first at 2 s: the log is damaged, with motor commands"
+            )
+            assert remark.endswith(f" of up to {abs(command):.3g} times the full command")
         else:
-            assert (found is table, notes) == (True, [])
-    bare = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
-    assert conversion._without_damaged_rows(bare, mapping, []) is bare
+            assert (result is table, remarks) == (True, [])
+    other_table = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
+    assert conversion._without_damaged_rows(other_table, mapping, []) is other_table
 
 
 def test_unread_columns_are_reported_by_group():
@@ -149,27 +151,29 @@ def test_unread_columns_are_reported_by_group():
 
     If some columns of a group are read, up to six unread ones are listed by name.
     """
-    used = {"imu.x", "imu.y"}
-    few, many = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
-    (said,) = conversion._unread_remarks(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
-    assert said == f"not read: baro, {', '.join(sorted(few))}, lone.x"
-    (said,) = conversion._unread_remarks(used | many | {"esc[0]", "esc[1]"}, used)
-    assert said == "not read: esc, the rest of imu"
-    assert list(conversion._unread_remarks(used, used)) == []
+    read_columns = {"imu.x", "imu.y"}
+    six_columns, seven_columns = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
+    (remark,) = conversion._unread_remarks(
+        read_columns | six_columns | {"baro.asl", "baro.temp", "lone.x"}, read_columns
+    )
+    assert remark == f"not read: baro, {', '.join(sorted(six_columns))}, lone.x"
+    (remark,) = conversion._unread_remarks(read_columns | seven_columns | {"esc[0]", "esc[1]"}, read_columns)
+    assert remark == "not read: esc, the rest of imu"
+    assert list(conversion._unread_remarks(read_columns, read_columns)) == []
 
 
 def test_missing_columns_are_reported_for_the_first_source_with_some_logged_columns():
     sources = [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]
     mapping = Mapping(signals={"position": sources})
 
-    def why(*available):
+    def remarks_for(*available):
         return list(conversion._incomplete_remarks("position", mapping, {*available}))
 
-    assert why() == []
-    assert why("a", "b") == ["position is left out: c is not logged"]
-    assert why("f") == ["position is left out: d, e are not logged"]
-    assert why("a", "d", "e", "f") == ["position is left out: b, c are not logged"]
-    assert why("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
+    assert remarks_for() == []
+    assert remarks_for("a", "b") == ["position is left out: c is not logged"]
+    assert remarks_for("f") == ["position is left out: d, e are not logged"]
+    assert remarks_for("a", "d", "e", "f") == ["position is left out: b, c are not logged"]
+    assert remarks_for("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
 
 
 def test_only_the_first_usable_source_of_a_signal_is_read():
@@ -177,8 +181,8 @@ def test_only_the_first_usable_source_of_a_signal_is_read():
     mapping = Mapping(signals={"position": [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]})
     columns = {name: np.zeros(20) for name in "abcdef"}
     for damaged, unread in (("", "not read: d, e, f"), ("a", "not read: a, b, c")):
-        own = {name: np.full(20, np.nan) if name == damaged else values for name, values in columns.items()}
-        table = Table("", np.linspace(0.0, 1.0, 20), own)
+        logged = {name: np.full(20, np.nan) if name == damaged else values for name, values in columns.items()}
+        table = Table("", np.linspace(0.0, 1.0, 20), logged)
         record = conversion.record_of([table], mapping, name="log", mark="log")
         assert unread in record.remarks
 
@@ -187,8 +191,8 @@ def test_the_origin_of_a_signal_lists_columns_rate_resampling_and_missing_sample
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     held = held._replace(source=SignalSource(column="p"))
-    holes = slow._replace(rows=slow.rows[3:])
-    origins = [conversion._origin(each, clock.clock) for each in (clock, slow, held, holes)]
+    incomplete = slow._replace(rows=slow.rows[3:])
+    origins = [conversion._origin(each, clock.clock) for each in (clock, slow, held, incomplete)]
     assert [each.signal for each in origins] == ["body_rates", "position", "motor_command", "position"]
     assert [each.columns for each in origins] == ["a to b (mm)", "a to b (mm)", "p", "a to b (mm)"]
     np.testing.assert_allclose([each.rate for each in origins], [250.0, 20.0, 50.0, 20.0])
@@ -281,7 +285,7 @@ def test_quaternions_are_converted_to_roll_pitch_and_yaw(order, frame):
     logged = quaternion if order == "wxyz" else np.roll(quaternion, -1, axis=1)
     table = Table("", np.arange(20.0), {"q": logged})
     mapping = Mapping(signals={"attitude": {"column": "q", "quaternion": order, **({"frame": frame} if frame else {})}})
-    found = conversion._values("attitude", mapping.signals["attitude"][0], table)
+    result = conversion._values("attitude", mapping.signals["attitude"][0], table)
     known = np.delete(np.arange(20), [5, 6])
-    np.testing.assert_allclose(found[known], angles[known], atol=1e-9)
-    assert np.isnan(found[[5, 6]]).all()
+    np.testing.assert_allclose(result[known], angles[known], atol=1e-9)
+    assert np.isnan(result[[5, 6]]).all()

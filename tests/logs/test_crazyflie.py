@@ -1,5 +1,4 @@
-"""Logs of Crazyflies: values are converted to SI units and the frames of this library, and real flights agree with
-physics."""
+"""Tests of Crazyflie logs: conversion to SI units and the frames of this library, and consistency of real flights."""
 
 import lzma
 import math
@@ -28,7 +27,7 @@ def written(tmp_path):
     return write
 
 
-def said(record, words):
+def has_remark(record, words):
     return any(words in remark for remark in record.remarks)
 
 
@@ -85,7 +84,7 @@ def test_a_packed_attitude_is_unpacked(written):
     records = [(1, i * 4000, (packed(quaternion_of(*each)), 100)) for i, each in enumerate(angles)]
     record = read_log(written(crazyflie_log([(1, "fixedFrequency", variables)], records)))
     np.testing.assert_allclose(record.attitude, angles, atol=8e-3)
-    assert said(record, "body_rates is left out: stateEstimateZ.rateRoll, stateEstimateZ.rateYaw are not logged")
+    assert has_remark(record, "body_rates is left out: stateEstimateZ.rateRoll, stateEstimateZ.rateYaw are not logged")
 
 
 def test_the_largest_component_of_a_packed_attitude_is_exact(written):
@@ -98,12 +97,12 @@ def test_the_largest_component_of_a_packed_attitude_is_exact(written):
 
 def test_interleaved_events_are_resampled_at_the_times_of_the_fastest_event(written):
     """The measurements are linear in time, so linear interpolation is exact. Commands are held."""
-    kinds = [(3, "fast", GYRO), (9, "slow", [(f"stateEstimate.{a}", "d") for a in "xyz"]), (4, "never", ACC)]
-    kinds += [(5, "commands", MOTORS)]
+    event_types = [(3, "fast", GYRO), (9, "slow", [(f"stateEstimate.{a}", "d") for a in "xyz"]), (4, "never", ACC)]
+    event_types += [(5, "commands", MOTORS)]
     records = [(3, 1000 * i, (i, 0.0, 0.0)) for i in range(101)]
     records += [(9, 7000 * i + 500, (7e-3 * i + 5e-4, 1.0, 2.0)) for i in range(-1, 16) if i >= 0]
     records += [(5, 20_000 * i, (6553 * i, 0, 0, 0)) for i in range(6)]
-    record = read_log(written(crazyflie_log(kinds, sorted(records, key=lambda each: each[1]))))
+    record = read_log(written(crazyflie_log(event_types, sorted(records, key=lambda each: each[1]))))
     start = 1e-3  # s, first sample with a known position
     np.testing.assert_allclose(record.time, 1e-3 * np.arange(100), atol=1e-9)
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
@@ -118,7 +117,7 @@ def test_interleaved_events_are_resampled_at_the_times_of_the_fastest_event(writ
 def test_logged_columns_that_no_signal_reads_are_reported(written):
     variables = [*ACC, ("foo.bar", "f"), ("baro.asl", "f"), ("baro.temp", "f")]
     data = crazyflie_log([(0, "fixedFrequency", variables)], [(0, 1000 * i, (0.0,) * 6) for i in range(3)])
-    assert said(read_log(written(data)), "not read: baro, foo.bar")
+    assert has_remark(read_log(written(data)), "not read: baro, foo.bar")
 
 
 def test_a_user_defined_mapping_is_applied(written, tmp_path):
@@ -134,7 +133,7 @@ HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "message"),
     [
         (VALID_LOG[:1] + b"\3\0" + VALID_LOG[3:], "version 3; versions 1 and 2 can be read"),
         (VALID_LOG[:3], "is truncated: the header"),
@@ -153,8 +152,8 @@ HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22
         (crazyflie_log([(0, "imu", GYRO)], [(0, 1, (1.0,) * 3)]), "has no signal with two samples"),
     ],
 )
-def test_an_invalid_log_is_refused_with_one_sentence(written, data, words):
-    with pytest.raises(InputError, match=words) as caught:
+def test_an_invalid_log_is_refused_with_one_sentence(written, data, message):
+    with pytest.raises(InputError, match=message) as caught:
         read_log(written(data))
     assert str(caught.value).count("\n") == 0
 
@@ -162,24 +161,24 @@ def test_an_invalid_log_is_refused_with_one_sentence(written, data, words):
 def test_the_complete_records_of_a_truncated_log_are_read_and_the_loss_is_reported(written):
     record = read_log(written(VALID_LOG[: HEADER_SIZE + 10 * 22 + 13]))
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(10.0), atol=1e-9)
-    assert said(record, "the checksum is wrong")
-    assert said(record, "the last 13 bytes are not read: no complete record")
-    assert not said(read_log(written(VALID_LOG)), "checksum")
+    assert has_remark(record, "the checksum is wrong")
+    assert has_remark(record, "the last 13 bytes are not read: no complete record")
+    assert not has_remark(read_log(written(VALID_LOG)), "checksum")
 
 
 def test_reading_stops_at_a_record_of_an_unknown_event(written):
-    place = HEADER_SIZE + 30 * 22
-    record = read_log(written(VALID_LOG[:place] + b"\5\0" + VALID_LOG[place + 2 :]))
+    position = HEADER_SIZE + 30 * 22
+    record = read_log(written(VALID_LOG[:position] + b"\5\0" + VALID_LOG[position + 2 :]))
     assert len(record.time) == 30
-    assert said(record, "the last 444 bytes are not read: no event type has the id 5")
+    assert has_remark(record, "the last 444 bytes are not read: no event type has the id 5")
 
 
 @pytest.mark.parametrize("path", SHIPPED_LOGS, ids=lambda path: path.stem)
 def test_shipped_logs_are_read_completely(path):
     record = read_log(path)
-    assert not said(record, "checksum")
-    assert not said(record, "left out: the")
-    assert not said(record, "complete record")
+    assert not has_remark(record, "checksum")
+    assert not has_remark(record, "left out: the")
+    assert not has_remark(record, "complete record")
     size = len(lzma.decompress(path.read_bytes()))
     assert len(record.time) * {"arpl": 50, "crazypad": 82, "crazyswarm2": 98}[path.parent.name] < size
 
@@ -195,16 +194,16 @@ def test_signs_of_a_real_flight_agree_with_each_other(name):
     record = read_log(DATA / f"crazyflie/crazyswarm2/{name}.xz")
     after = record.subset(record.time > 1.5)  # after the gap
     acceleration = smooth(np.gradient(after.velocity, after.time, axis=0))
-    leaning = 9.81 * smooth(np.column_stack([after.attitude[:, 1], -after.attitude[:, 0]]))
+    expected_acceleration = 9.81 * smooth(np.column_stack([after.attitude[:, 1], -after.attitude[:, 0]]))
     turning = smooth(np.gradient(after.attitude, after.time, axis=0))
     moving = smooth(np.gradient(after.position, after.time, axis=0))
-    for ours, theirs in (
-        *zip(acceleration[:, :2].T, leaning.T, strict=True),
+    for derived, logged in (
+        *zip(acceleration[:, :2].T, expected_acceleration.T, strict=True),
         *zip(turning[:, :2].T, smooth(after.body_rates)[:, :2].T, strict=True),
         *zip(moving[:, :2].T, smooth(after.velocity)[:, :2].T, strict=True),
     ):
-        if np.std(theirs) > 0.15:  # most flights hardly move along the other axis
-            slope = float(ours @ theirs / (theirs @ theirs))
+        if np.std(logged) > 0.15:  # most flights hardly move along the other axis
+            slope = float(derived @ logged / (logged @ logged))
             assert slope == pytest.approx(1.0, abs=0.15)
     np.testing.assert_allclose(after.reference_position, after.position, atol=0.25)
 
@@ -225,5 +224,5 @@ def test_motor_torques_have_the_signs_of_the_x_layout():
     torques = np.column_stack([m[2] + m[3] - m[0] - m[1], m[1] + m[2] - m[0] - m[3], m[1] + m[3] - m[0] - m[2]])
     turning = smooth(np.gradient(record.body_rates, record.time, axis=0), 31)
     driven = smooth(torques, 31)
-    for axis, least in ((0, 0.7), (1, 0.7), (2, 0.05)):
-        assert np.corrcoef(turning[lag:, axis], driven[:-lag, axis])[0, 1] > least
+    for axis, min_correlation in ((0, 0.7), (1, 0.7), (2, 0.05)):
+        assert np.corrcoef(turning[lag:, axis], driven[:-lag, axis])[0, 1] > min_correlation

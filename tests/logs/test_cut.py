@@ -1,4 +1,4 @@
-"""Every whole record of a cut or padded log is read, and a remark counts the other bytes."""
+"""Tests that all complete records of a truncated or padded log are read, and that a remark counts the other bytes."""
 
 import lzma
 import random
@@ -66,38 +66,38 @@ def unread(record):
 @pytest.mark.parametrize("name", LOGS)
 def test_a_log_that_was_padded_at_a_loss_of_power_is_read_completely(read, name, count, fill):
     data, *_ = LOGS[name]
-    whole, padded = read(data), read(data + count * fill)
-    assert not unread(whole)
-    for signal, values in whole.signals():
+    complete, padded = read(data), read(data + count * fill)
+    assert not unread(complete)
+    for signal, values in complete.signals():
         np.testing.assert_array_equal(padded.of(signal), values)
     bytes_ = f"{count:,} bytes are" if count > 1 else "byte is"
-    what = "0xff" if fill == b"\xff" else "zeros"
-    assert unread(padded) == [f"the last {bytes_} not read: all {what}, as after a loss of power"]
+    padding = "0xff" if fill == b"\xff" else "zeros"
+    assert unread(padded) == [f"the last {bytes_} not read: all {padding}, as after a loss of power"]
     assert not any("checksum" in remark for remark in padded.remarks)
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_garbage_after_a_whole_log_is_left_out(read, name):
+def test_garbage_after_a_complete_log_is_left_out(read, name):
     data, *_ = LOGS[name]
-    whole, padded = read(data), read(data + b"\x80\x81\x82" + random.Random(1).randbytes(500))
-    np.testing.assert_array_equal(padded.body_rates, whole.body_rates)
+    complete, padded = read(data), read(data + b"\x80\x81\x82" + random.Random(1).randbytes(500))
+    np.testing.assert_array_equal(padded.body_rates, complete.body_rates)
     (remark,) = [each for each in padded.remarks if "503 bytes are not read" in each or "damaged" in each]
     assert "503 bytes" in remark or f"from byte {len(data):,} on" in remark
 
 
 @pytest.mark.parametrize("fill", [b"", *PADDING_BYTES])
 @pytest.mark.parametrize("name", LOGS)
-def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
-    """The samples are the first ones of the complete log, and the cut loses at most one complete record."""
+def test_a_truncated_log_is_read_to_its_last_complete_record(read, name, fill):
+    """The samples equal the first samples of the complete log. At most one complete record is lost."""
     data, first, longest = LOGS[name]
-    whole = read(data)
-    # Cuts every 53 bytes occur in all parts of a record.
-    for place in range(first + 3 * longest, len(data) - 1, 53):
-        cut = read(data[:place] + 300 * fill)
+    complete = read(data)
+    # Positions 53 bytes apart truncate a record in all of its parts.
+    for position in range(first + 3 * longest, len(data) - 1, 53):
+        cut = read(data[:position] + 300 * fill)
         samples = len(cut.time)
-        np.testing.assert_array_equal(cut.body_rates, whole.body_rates[:samples])
-        np.testing.assert_allclose(cut.time, whole.time[:samples], atol=1e-12)
-        records = (place - first) // longest
+        np.testing.assert_array_equal(cut.body_rates, complete.body_rates[:samples])
+        np.testing.assert_allclose(cut.time, complete.time[:samples], atol=1e-12)
+        records = (position - first) // longest
         assert samples >= records - 1
         lost = [
             *unread(cut),
@@ -107,35 +107,35 @@ def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
             count = int(unread(cut)[0].split()[2].replace(",", ""))
             assert 0 <= count - 300 <= longest
         elif name == "ulog":
-            assert len(lost) == ((place - first) % longest > 0)
+            assert len(lost) == ((position - first) % longest > 0)
         else:
-            assert lost or data[place - 1 : place] == b"\n"
+            assert lost or data[position - 1 : position] == b"\n"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("fill", PADDING_BYTES)
 @pytest.mark.parametrize("file", ["px4/sample_px4_events.ulg.xz", "crazyflie/crazyswarm2/log100.xz"])
-def test_real_logs_are_read_when_padded_and_when_cut(read, file, fill):
+def test_real_logs_are_read_when_padded_and_when_truncated(read, file, fill):
     data = lzma.decompress((DATA / file).read_bytes())
-    whole, padded = read(data), read(data + 1_000_000 * fill)
-    for signal, values in whole.signals():
+    complete, padded = read(data), read(data + 1_000_000 * fill)
+    for signal, values in complete.signals():
         np.testing.assert_array_equal(padded.of(signal), values)
     assert [remark.split(":")[0] for remark in unread(padded)] == ["the last 1,000,000 bytes are not read"]
     for fraction in (0.3, 0.7):
-        place = int(fraction * len(data))
-        cut = read(data[:place] + bytes(-place % 4096))
+        position = int(fraction * len(data))
+        cut = read(data[:position] + bytes(-position % 4096))
         assert len(unread(cut)) == 1
         samples = len(cut.time)
-        assert samples < len(whole.time)
+        assert samples < len(complete.time)
         # The samples of a truncated ULog may be those of another topic, because the fastest topic may end early.
         if "crazyflie" in file:
-            assert samples == pytest.approx(fraction * len(whole.time), rel=0.02)
-            np.testing.assert_array_equal(cut.body_rates, whole.body_rates[:samples])
+            assert samples == pytest.approx(fraction * len(complete.time), rel=0.02)
+            np.testing.assert_array_equal(cut.body_rates, complete.body_rates[:samples])
 
 
 def test_a_ulog_is_read_up_to_where_pyulog_fails(read):
-    whole, damaged = read(ULOG), read(ULOG + bytes(40_000) + b"\1")
-    np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
+    complete, damaged = read(ULOG), read(ULOG + bytes(40_000) + b"\1")
+    np.testing.assert_array_equal(damaged.body_rates, complete.body_rates)
     assert any(f"damaged from byte {len(ULOG):,} on" in remark for remark in damaged.remarks)
     assert unread(damaged) == ["the last 40,001 bytes are not read: pyulog cannot continue there"]
 
@@ -147,12 +147,12 @@ def test_damage_is_reported_once(read):
     ]
 
 
-def test_a_whole_message_of_an_unknown_topic_is_reported(read):
+def test_a_complete_message_of_an_unknown_topic_is_reported(read):
     """PyULog cannot assign a message of an unknown topic."""
-    whole, damaged = read(ULOG), read(ULOG + message(b"D", struct.pack("<HQ", 77, 2_000_000)))
-    np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
-    told = "the log is damaged; only the complete messages that pyulog finds are read"
-    assert [told in record.remarks for record in (whole, damaged)] == [False, True]
+    complete, damaged = read(ULOG), read(ULOG + message(b"D", struct.pack("<HQ", 77, 2_000_000)))
+    np.testing.assert_array_equal(damaged.body_rates, complete.body_rates)
+    remark = "the log is damaged; only the complete messages that pyulog finds are read"
+    assert [remark in record.remarks for record in (complete, damaged)] == [False, True]
 
 
 def test_a_log_ends_at_its_checksum_even_if_the_checksum_looks_like_a_record(read):
@@ -162,8 +162,8 @@ def test_a_log_ends_at_its_checksum_even_if_the_checksum_looks_like_a_record(rea
     values = (struct.pack("<f", value) for value in range(1_000_000))
     last = next(each for each in values if zlib.crc32(each, before) & 0xFFFF == 0xFFFF)
     log = log[:-8] + last + struct.pack("<I", zlib.crc32(last, before))
-    whole, padded = read(log), read(log + 300 * b"\xff")
-    np.testing.assert_array_equal(padded.body_rates, whole.body_rates)
+    complete, padded = read(log), read(log + 300 * b"\xff")
+    np.testing.assert_array_equal(padded.body_rates, complete.body_rates)
     assert padded.remarks[0] == "the last 300 bytes are not read: all 0xff, as after a loss of power"
 
 

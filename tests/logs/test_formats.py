@@ -1,4 +1,4 @@
-"""Logs of each format are recognised by their content, and read as the values that were written."""
+"""Tests that the format of a log is recognised by its content, and that the written values are read back."""
 
 import io
 import json
@@ -43,7 +43,7 @@ def read(tmp_path):
     return read_one
 
 
-def said(record, words):
+def has_remark(record, words):
     return any(words in remark for remark in record.remarks)
 
 
@@ -96,8 +96,8 @@ def test_an_ardupilot_log_is_converted_to_the_frames_and_rotor_order_of_this_lib
     np.testing.assert_allclose(record.velocity[0], [1.0, -2.0, -3.0])
     np.testing.assert_allclose(record.motor_command[0], [0.1, 0.4, 0.2, 0.3])
     # The clock of a message is not reported as unread.
-    assert said(record, "not read: FMT, IMU.I, PARM, XKF1.C, XKF1.FS")
-    assert not said(record, "TimeUS")
+    assert has_remark(record, "not read: FMT, IMU.I, PARM, XKF1.C, XKF1.FS")
+    assert not has_remark(record, "TimeUS")
 
 
 def test_the_first_instance_of_a_sensor_is_read(read):
@@ -125,9 +125,9 @@ def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
     )
     with pytest.raises(InputError, match="is a log of a hexarotor, not of a quadrotor; to read it, give a mapping"):
         read(hexarotor)
-    assert said(read(hexarotor, "ardupilot"), "the log is of a hexarotor")
+    assert has_remark(read(hexarotor, "ardupilot"), "the log is of a hexarotor")
     plus = dataflash_log({"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_TYPE": 0.0})
-    assert said(read(plus), "FRAME_TYPE states another layout")
+    assert has_remark(read(plus), "FRAME_TYPE states another layout")
 
 
 def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
@@ -142,11 +142,11 @@ def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
         log = dataflash_log(message, parameters={"FRAME_CLASS": float(number), "FRAME_TYPE": 1.0})
         remarks = [each for each in read(log, "ardupilot").remarks if each.startswith("the log is of")]
         assert remarks == ([f"the log is of {classes[number]}"] if number in classes else []), number
-    assert not said(read(dataflash_log(message)), "the log is of")
+    assert not has_remark(read(dataflash_log(message)), "the log is of")
     # Older versions call the parameter FRAME.
     for frame, other in ((0.0, True), (1.0, False)):
         log = dataflash_log(message, parameters={"FRAME": frame})
-        assert said(read(log), "FRAME_TYPE states another layout") == other
+        assert has_remark(read(log), "FRAME_TYPE states another layout") == other
 
 
 BLACKBOX_FIELDS = [
@@ -166,27 +166,27 @@ def test_a_betaflight_log_is_converted_to_thrust_fractions_and_si_units(read):
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
     # Betaflight's columns `loopIteration` and `time` are not reported as unread.
-    assert not said(record, "not read")
+    assert not has_remark(record, "not read")
 
 
 def test_the_longest_flight_of_a_betaflight_log_is_read(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(short + BLACKBOX)
     assert len(record.time) == NUM_SAMPLES
-    assert said(record, "the log has 2 flights; only the longest is read, number 2")
+    assert has_remark(record, "the log has 2 flights; only the longest is read, number 2")
 
 
 def test_the_longest_flight_of_a_betaflight_log_may_be_the_first(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(BLACKBOX + short + short)
     assert len(record.time) == NUM_SAMPLES
-    assert said(record, "the log has 3 flights; only the longest is read, number 1")
+    assert has_remark(record, "the log has 3 flights; only the longest is read, number 1")
 
 
 def test_damaged_frames_of_a_betaflight_log_are_counted(read):
     damaged = bytearray(BLACKBOX)
     damaged[-40] ^= 0x80
-    assert said(read(bytes(damaged)), "damaged frames are left out")
+    assert has_remark(read(bytes(damaged)), "damaged frames are left out")
 
 
 OLD_CRAZYFLIE = old_crazyflie_log(
@@ -201,7 +201,7 @@ def test_the_old_crazyflie_format_has_the_column_names_of_the_new_format(read):
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
     np.testing.assert_allclose(record.position[:, 0], 0.5 * np.arange(NUM_SAMPLES))
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 0.2, 0.4])
-    assert said(record, "the mapping is crazyflie")
+    assert has_remark(record, "the mapping is crazyflie")
 
 
 def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read):
@@ -209,14 +209,14 @@ def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read)
     damaged[len(damaged) // 2] ^= 1
     record = read(bytes(damaged))
     assert len(record.time) == NUM_SAMPLES - 7
-    assert said(record, "1 block of records is left out because of a wrong checksum")
+    assert has_remark(record, "1 block of records is left out because of a wrong checksum")
     damaged[len(damaged) // 4] ^= 1
     fewer = read(bytes(damaged))
-    assert said(fewer, "2 blocks of records are left out because of a wrong checksum")
+    assert has_remark(fewer, "2 blocks of records are left out because of a wrong checksum")
     assert NUM_SAMPLES > len(record.time) > len(fewer.time) > NUM_SAMPLES // 2
     cut = read(OLD_CRAZYFLIE[:-1])
     assert len(cut.time) == NUM_SAMPLES - NUM_SAMPLES % 7
-    assert said(cut, "bytes are not read: no complete block of records")
+    assert has_remark(cut, "bytes are not read: no complete block of records")
 
 
 def mat_file(content):
@@ -270,11 +270,11 @@ def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(r
     for name in ("gains", "inertia"):
         (remark,) = [each for each in record.remarks if name in each]
         assert remark == f"log.{name} is not read: its length differs from the length of log.t"
-    assert said(record, "not read: log.rpm")
+    assert has_remark(record, "not read: log.rpm")
     content["log"]["p"] = np.ones((NUM_SAMPLES - 1, 3))
     shorter = read(mat_file(content), tmp_path / "mine.yaml")
     assert shorter.position is None
-    assert said(shorter, "log.p is not read: its length differs from the length of log.t")
+    assert has_remark(shorter, "log.p is not read: its length differs from the length of log.t")
 
 
 def test_a_mat_file_in_hdf5_format_is_refused(read):
@@ -290,7 +290,7 @@ def check_ros(record):
     np.testing.assert_allclose(record.velocity, np.column_stack([np.cos(t), np.sin(t), -1.0 + 0.0 * t]), atol=1e-9)
     np.testing.assert_allclose(record.body_rates[0], [0.1, 0.2, 1.0])
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.0, 9.81])
-    assert said(record, "velocity is turned from body axes to world axes by the attitude")
+    assert has_remark(record, "velocity is turned from body axes to world axes by the attitude")
 
 
 @pytest.mark.slow
@@ -315,12 +315,12 @@ def test_ros_messages_are_decoded_by_the_definitions_of_the_bag_or_the_standard_
     store = typesys.get_typestore(typesys.Stores.LATEST)
     kind = "geometry_msgs/msg/Vector3"
     data = store.serialize_cdr(store.types[kind](x=1.0, y=2.0, z=3.0), kind)
-    own = {"geometry_msgs/Vector3": "float64 a\nfloat64 b\nfloat64 c"}
-    for definitions, names in (({}, "xyz"), (own, "abc"), ({"other_msgs/Other": "float64 a"}, "xyz")):
+    bag_definitions = {"geometry_msgs/Vector3": "float64 a\nfloat64 b\nfloat64 c"}
+    for definitions, names in (({}, "xyz"), (bag_definitions, "abc"), ({"other_msgs/Other": "float64 a"}, "xyz")):
         decoder = _Decoder(typesys, definitions)
-        for spelt in (kind, "geometry_msgs/Vector3"):
-            found = decoder(data, spelt)
-            assert [getattr(found, name) for name in names] == [1.0, 2.0, 3.0]
+        for spelling in (kind, "geometry_msgs/Vector3"):
+            result = decoder(data, spelling)
+            assert [getattr(result, name) for name in names] == [1.0, 2.0, 3.0]
 
 
 def rows_of(kind, *times, behind=None):
@@ -347,27 +347,28 @@ def test_the_topic_with_most_messages_of_a_type_is_read():
     }
     assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
     assert content.remarks == ["3 topics have the type sort/One; /many is read, which has the most messages"]
-    # The clock begins with the first message of all topics.
+    # Times are relative to the first message of any topic.
     for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
         np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))
 
 
 @pytest.mark.parametrize(
-    ("behind", "used"), [(9 * 10**8, True), (-9 * 10**8, True), (11 * 10**8, False), (-11 * 10**8, False), (None, None)]
+    ("behind", "are_used"),
+    [(9 * 10**8, True), (-9 * 10**8, True), (11 * 10**8, False), (-11 * 10**8, False), (None, None)],
 )
-def test_header_stamps_are_used_if_they_have_the_clock_of_the_recording(behind, used):
+def test_header_stamps_are_used_if_they_have_the_clock_of_the_recording(behind, are_used):
     start = 5 * 10**12
     rows = rows_of("sort/One", *(start + 10**8 * i for i in range(5)), behind=behind)
     table, remarks = rows.table("/topic", start, with_type_names=False)
     np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
-    if used:
+    if are_used:
         np.testing.assert_allclose(table.sample_time, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
         assert remarks == []
     else:
         assert table.sample_time is None
         assert remarks == [
             f"/topic: the header stamps are {1e-9 * each:g} s before the recording times, which are used instead"
-            for each in ([] if used is None else [behind])
+            for each in ([] if are_used is None else [behind])
         ]
 
 
@@ -394,15 +395,15 @@ def content_of(*messages, error=None):
 
 
 def test_a_damaged_bag_is_read_up_to_the_damage():
-    found = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
-    (table,) = found.tables
+    result = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
+    (table,) = result.tables
     np.testing.assert_array_equal(table.columns["/a.x"], [1.0, 3.0])
     # A topic whose first message cannot be decoded is left out.
-    assert found.remarks == ["the messages of /b cannot be decoded"]
-    assert found.names == ["/b", "/c"]
+    assert result.remarks == ["the messages of /b cannot be decoded"]
+    assert result.names == ["/b", "/c"]
     error = ValueError(" no\n chunk ")
-    found = content_of(("/a", 1.0), error=error)
-    assert found.remarks == ["the log is truncated or damaged; it is read up to this error: no chunk"]
+    result = content_of(("/a", 1.0), error=error)
+    assert result.remarks == ["the log is truncated or damaged; it is read up to this error: no chunk"]
     for messages in ((), (("/c", 1.0),), (("/a", None),)):
         with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
             content_of(*messages, error=error)
@@ -450,7 +451,7 @@ def test_json_messages_of_a_truncated_mcap_file_are_read_with_a_mapping(read, tm
     cut = read(JSON_MCAP[: len(JSON_MCAP) // 2], mapping)
     np.testing.assert_array_equal(cut.position, record.position[: len(cut.time)])
     assert 10 < len(cut.time) < NUM_SAMPLES
-    assert said(cut, "the log is truncated or damaged; it is read up to this error")
+    assert has_remark(cut, "the log is truncated or damaged; it is read up to this error")
 
 
 NANOBENCH_COLUMNS = [
@@ -481,15 +482,15 @@ def test_rates_about_world_axes_are_converted_to_body_rates(read, tmp_path):
         + "\n"
     )
     record = read(text.encode())
-    assert said(record, "the mapping is nanobench")
+    assert has_remark(record, "the mapping is nanobench")
     np.testing.assert_allclose(record.body_rates, np.tile([0.0, 1.5, 0.0], (NUM_SAMPLES, 1)), atol=1e-9)
     mapping = tmp_path / "mine.yaml"
     rates = "time: {column: t}\nsignals: {body_rates: {columns: [wx_vicon, wy_vicon, wz_vicon], frame: NWU}%s}"
     mapping.write_text(rates % ", position: {columns: [px, py, pz]}")
-    kept = read(text.encode(), mapping)
-    assert kept.body_rates is None
+    without_attitude = read(text.encode(), mapping)
+    assert without_attitude.body_rates is None
     left_out = "body_rates is left out: it is along world axes, and no attitude is logged"
-    assert left_out in kept.remarks
+    assert left_out in without_attitude.remarks
     mapping.write_text(rates % "")
     with pytest.raises(InputError, match=f"has no signal that can be used: {left_out}"):
         read(text.encode(), mapping)

@@ -1,4 +1,4 @@
-"""Possible faults of logged signals, and their repairs."""
+"""Tests of the possible faults of logged signals and their repairs."""
 
 import re
 
@@ -16,9 +16,9 @@ ANGLES = ("attitude", "attitude_command")
 @pytest.fixture(scope="module")
 def known() -> dict[str, Fault]:
     """Return the faults of all signals by their descriptions, which are unique."""
-    found = [*faults(SIGNALS)]
-    assert len(found) == len({fault.text for fault in found})
-    return {fault.text: fault for fault in found}
+    result = [*faults(SIGNALS)]
+    assert len(result) == len({fault.text for fault in result})
+    return {fault.text: fault for fault in result}
 
 
 def test_the_description_of_a_wrong_sign_names_the_axes(known: dict[str, Fault]) -> None:
@@ -39,7 +39,7 @@ def test_the_description_of_a_wrong_sign_names_the_axes(known: dict[str, Fault])
 
 
 @pytest.mark.parametrize(
-    ("names", "what", "factor"),
+    ("names", "fault_name", "factor"),
     [
         (
             ("position", "velocity", "reference_position", "reference_velocity"),
@@ -59,17 +59,17 @@ def test_the_description_of_a_wrong_sign_names_the_axes(known: dict[str, Fault])
     ],
 )
 def test_a_wrong_unit_scales_all_axes(
-    known: dict[str, Fault], names: tuple[str, ...], what: str, factor: float
+    known: dict[str, Fault], names: tuple[str, ...], fault_name: str, factor: float
 ) -> None:
-    assert {name for name in AXES if f"{name} looks as if {what}" in known} == {*names}
+    assert {name for name in AXES if f"{name} looks as if {fault_name}" in known} == {*names}
     for name in names:
-        fault = known[f"{name} looks as if {what}"]
+        fault = known[f"{name} looks as if {fault_name}"]
         np.testing.assert_allclose(fault.repaired({name: factor * SIGNALS[name]})[name], SIGNALS[name])
         assert (fault.num_axes, fault.is_frame) == (3, False)
 
 
 @pytest.mark.parametrize(
-    ("what", "axes"),
+    ("fault_name", "axes"),
     [
         ("NED was taken for ENU, or ENU for NED", ["y", "x", "-z"]),
         # Conversions from east, north, up to north, west, up, and back.
@@ -78,20 +78,22 @@ def test_a_wrong_unit_scales_all_axes(
         ("x and y were swapped", ["y", "x", "z"]),
     ],
 )
-def test_a_wrong_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
+def test_a_wrong_world_frame_exchanges_the_horizontal_axes(
+    known: dict[str, Fault], fault_name: str, axes: list[str]
+) -> None:
     """`axes` lists the components of the correct signal that the faulty signal contains as x, y and z."""
     for name in ("position", "velocity", "reference_position", "reference_velocity"):
         columns = dict(zip("xyz", SIGNALS[name].T, strict=True))
         wrong = np.column_stack([-columns[axis[1]] if axis[0] == "-" else columns[axis] for axis in axes])
-        fault = known[f"{name} looks as if {what}"]
+        fault = known[f"{name} looks as if {fault_name}"]
         np.testing.assert_allclose(fault.repaired({name: wrong})[name], SIGNALS[name])
         assert (fault.num_axes, fault.is_frame) == (3, False)
-    assert not any(f"attitude looks as if {what}" in text for text in known)
+    assert not any(f"attitude looks as if {fault_name}" in text for text in known)
 
 
 def test_a_yaw_with_a_constant_offset_is_a_possible_fault(known: dict[str, Fault]) -> None:
-    for what, turn in (("90° too small", -90.0), ("90° too large", 90.0), ("180° off", -180.0)):
-        fault = known[f"the yaw of attitude looks {what}"]
+    for offset_name, turn in (("90° too small", -90.0), ("90° too large", 90.0), ("180° off", -180.0)):
+        fault = known[f"the yaw of attitude looks {offset_name}"]
         wrong = SIGNALS["attitude"] + np.radians([0.0, 0.0, turn])
         np.testing.assert_allclose(fault.repaired({"attitude": wrong})["attitude"], SIGNALS["attitude"])
         assert (fault.num_axes, fault.is_frame) == (1, False)
@@ -119,6 +121,6 @@ def test_all_signals_may_be_rotated_by_half_a_turn(known: dict[str, Fault]) -> N
         np.testing.assert_array_equal(repaired[name], values)
     assert fault.num_axes == 2
     # Neither a half turn of all signals nor a wrong frame is considered if no attitude is logged.
-    few = [*faults({"velocity": SIGNALS["velocity"], "position": SIGNALS["position"]})]
-    assert {fault.signals for fault in few} == {("velocity",), ("position",)}
-    assert not any(fault.is_frame for fault in few)
+    without_attitude = [*faults({"velocity": SIGNALS["velocity"], "position": SIGNALS["position"]})]
+    assert {fault.signals for fault in without_attitude} == {("velocity",), ("position",)}
+    assert not any(fault.is_frame for fault in without_attitude)

@@ -1,4 +1,7 @@
-"""Arbitrary bytes quickly give a valid record or one error sentence. `FUZZ_CASES` sets the number of cases."""
+"""Tests that arbitrary bytes quickly give a valid record or a one-sentence error.
+
+The environment variable `FUZZ_CASES` sets the number of cases.
+"""
 
 import functools
 import io
@@ -84,9 +87,9 @@ def test_a_log_cut_anywhere_is_read_or_refused(log, path, data):
 @given(data=st.data())
 def test_a_log_with_flipped_bytes_is_read_or_refused(log, path, data):
     changed = bytearray(log)
-    head = st.integers(0, min(400, len(log) - 1)) | st.integers(0, len(log) - 1)
-    for place in data.draw(st.lists(head, min_size=1, max_size=8)):
-        changed[place] = data.draw(st.integers(0, 255))
+    positions = st.integers(0, min(400, len(log) - 1)) | st.integers(0, len(log) - 1)
+    for position in data.draw(st.lists(positions, min_size=1, max_size=8)):
+        changed[position] = data.draw(st.integers(0, 255))
     check(path, bytes(changed))
 
 
@@ -122,9 +125,9 @@ def test_damaged_logs_of_other_formats_are_read_or_refused(logs_by_format, name,
     log = bytearray(logs_by_format[name])
     if data.draw(st.booleans()):
         log = log[: data.draw(st.integers(0, len(log)))]
-    head = st.integers(0, max(min(400, len(log) - 1), 0)) | st.integers(0, max(len(log) - 1, 0))
-    for place in data.draw(st.lists(head, max_size=8)):
-        log[place : place + 1] = bytes([data.draw(st.integers(0, 255))])
+    positions = st.integers(0, max(min(400, len(log) - 1), 0)) | st.integers(0, max(len(log) - 1, 0))
+    for position in data.draw(st.lists(positions, max_size=8)):
+        log[position : position + 1] = bytes([data.draw(st.integers(0, 255))])
     first, second = sorted(data.draw(st.tuples(*[st.integers(0, len(log))] * 2)))
     check(
         path,

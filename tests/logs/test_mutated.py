@@ -1,4 +1,4 @@
-"""Logs with impossible values, in each format, give a record of finite signals or one error sentence."""
+"""Tests that logs with impossible values give a record of finite signals or a one-sentence error, in each format."""
 
 import io
 
@@ -32,11 +32,11 @@ def flight():
     }
 
 
-def set_values(place, value):
+def set_values(rows, value):
     """Return a mutation that overwrites some samples of every signal."""
 
     def mutate(log):
-        return {name: np.where(np.isin(np.arange(COUNT)[:, None], np.arange(COUNT)[place]) & (name != "time"), value, x)
+        return {name: np.where(np.isin(np.arange(COUNT)[:, None], np.arange(COUNT)[rows]) & (name != "time"), value, x)
                 for name, x in log.items()}  # fmt: skip
 
     return mutate
@@ -88,10 +88,10 @@ MUTATIONS = {
 
 def integer(value, bits):
     """Return a value as a signed integer that overflows, as in C; NaN is 0."""
-    whole = int(
+    rounded = int(
         np.clip(np.nan_to_num(value, posinf=INTEGER_LIMIT, neginf=-INTEGER_LIMIT), -INTEGER_LIMIT, INTEGER_LIMIT)
     )
-    return (whole + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
+    return (rounded + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
 
 
 def single(values):

@@ -1,4 +1,4 @@
-"""Remarks on the vehicle and the estimator of a ULog, compared with the codes published by MAVLink and PX4."""
+"""Tests of remarks on the vehicle and the estimator of a ULog, by comparison with codes of MAVLink and PX4."""
 
 import numpy as np
 import pytest
@@ -57,18 +57,20 @@ def test_types_of_vehicles_have_the_published_codes():
     for name, table in (("MAV_TYPE", MAV_TYPES), ("CA_AIRFRAME", AIRFRAMES)):
         known = dict(table.values())
         for number in range(60):
-            expected = f"{known[number]}, by the parameter {name}, {number}" if number in known else ""
+            expected = f"{known[number]} (the parameter {name} is {number})" if number in known else ""
             assert other_vehicle({name: number}, None) == expected
     for field, table in (("system_type", MAV_TYPES), ("vehicle_type", VEHICLE_TYPES)):
         known = dict(table.values())
         for number in range(60):
             status = {field: np.full(5, number)}
-            expected = f"{known[number]}, by vehicle_status.{field}, {number}" if number in known else ""
+            expected = f"{known[number]} (vehicle_status.{field} is {number})" if number in known else ""
             assert other_vehicle({}, status) == expected
-    assert other_vehicle({}, {"is_vtol": np.array([0, 0, 1])}) == "a VTOL, by vehicle_status.is_vtol"
+    assert other_vehicle({}, {"is_vtol": np.array([0, 0, 1])}) == "a VTOL (vehicle_status.is_vtol is 1)"
     assert other_vehicle({}, {"is_vtol": np.zeros(3)}) == ""
     for rotors in range(9):
-        expected = "" if rotors in (0, 4) else f"a vehicle with {rotors} rotors, by the parameter CA_ROTOR_COUNT"
+        expected = (
+            "" if rotors in (0, 4) else f"a vehicle with {rotors} rotors (the parameter CA_ROTOR_COUNT is {rotors})"
+        )
         assert other_vehicle({"CA_ROTOR_COUNT": rotors}, None) == expected
 
 
@@ -81,7 +83,7 @@ def remarks(**topics):
 
 
 @pytest.mark.parametrize(
-    ("topic", "counter", "fields", "size", "words"),
+    ("topic", "counter", "fields", "size", "message"),
     [
         ("vehicle_local_position", "xy", ("delta_xy[0]", "delta_xy[1]"), 1.0, "position {} m"),
         ("vehicle_local_position", "z", ("delta_z",), 1.0, "height {} m"),
@@ -90,23 +92,23 @@ def remarks(**topics):
         ("vehicle_attitude", "quat", tuple(f"delta_q_reset[{i}]" for i in (1, 2, 3)), 2.0, "attitude {} rad"),
     ],
 )
-def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, size, words):
+def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, size, message):
     """Resets below 0.01 are ignored, since every estimator begins with them."""
-    what, unit = words.split(" {} ")
+    quantity, unit = message.split(" {} ")
     for count, jumps in ((1, [(3, 0.2)]), (2, [(3, 0.2), (9, 0.4)]), (1, [(3, 0.001), (9, 0.4)]), (0, [(3, 0.001)])):
         counts = sum((np.arange(20) >= row).astype(int) for row, _ in jumps)
         sizes = np.zeros(20)
         for row, jump in jumps:
             sizes[row] = jump / len(fields) ** 0.5 / size
-        said = remarks(**{topic: {f"{counter}_reset_counter": counts} | dict.fromkeys(fields, sizes)})
+        actual = remarks(**{topic: {f"{counter}_reset_counter": counts} | dict.fromkeys(fields, sizes)})
         if count == 0:
-            assert said == []
+            assert actual == []
             continue
         large = [(row, jump) for row, jump in jumps if jump > 0.01]
         times = "once" if count == 1 else "2 times"
-        assert said == [
-            f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
-            f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
+        assert actual == [
+            f"the estimator resets its {quantity} {times}, by up to {max(jump for _, jump in large):.2g} {unit},"
+            f" first at {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
     # A reset is not reported if its size is not logged.
     assert remarks(**{topic: {f"{counter}_reset_counter": np.arange(20)}}) == []
@@ -119,26 +121,26 @@ def test_failsafes_faults_and_dead_reckoning_are_reported_with_their_times():
         " reference there"
     ]
     assert remarks(vehicle_status={"failsafe": np.zeros(20, dtype=bool)}) == []
-    for field, what in (
+    for field, fault in (
         ("filter_fault_flags", "numerical faults"),
         ("innovation_check_flags", "rejected measurements"),
     ):
         assert remarks(estimator_status={field: np.where(rows > 14, 4, 0)}) == [
-            f"estimator_status reports {what} in 25.00% of its samples, first at 2.5 s of the log"
+            f"estimator_status reports {fault} in 25.00% of its samples, first at 2.5 s of the log"
         ]
-    reckoned = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
-    assert remarks(vehicle_local_position=reckoned) == [
+    with_dead_reckoning = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
+    assert remarks(vehicle_local_position=with_dead_reckoning) == [
         "the position comes from dead reckoning in 25.00% of its samples, first at 1.5 s of the log"
     ]
 
 
 @pytest.mark.parametrize(("armed", "landed", "ends"), [(2, 0, True), (1, 0, False), (2, 1, False)])
 def test_a_log_ends_in_flight_if_it_is_armed_and_not_landed(armed, landed, ends):
-    said = remarks(
+    actual = remarks(
         vehicle_status={"arming_state": np.array([1, 2, armed])},
         vehicle_land_detected={"landed": np.array([1, 1 - landed, landed])},
     )
-    assert (said == ["the log ends in flight"]) == ends
+    assert (actual == ["the log ends in flight"]) == ends
     assert remarks(vehicle_status={"arming_state": np.array([armed])}) == []
 
 
@@ -147,10 +149,10 @@ def test_each_field_is_left_out_where_its_flag_marks_it_as_invalid():
     every = [name for names in fields.values() for name in names]
     data = {name: np.arange(4.0) for name in every} | {flag: np.ones(4) for flag in fields}
     for flag, names in fields.items():
-        found = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
+        actual = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
         for name in every:
             expected = [0.0, np.nan, 2.0, np.nan] if name in names else [0.0, 1.0, 2.0, 3.0]
-            np.testing.assert_array_equal(found[name], expected)
+            np.testing.assert_array_equal(actual[name], expected)
         others = without_invalid_samples("vehicle_attitude", data | {flag: np.zeros(4)})
         np.testing.assert_array_equal(others["x"], data["x"])
     assert {*without_invalid_samples("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
@@ -159,21 +161,22 @@ def test_each_field_is_left_out_where_its_flag_marks_it_as_invalid():
 def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     data = {f"output[{i}]": np.full(3, 1000.0 + 50.0 * i) for i in range(16)}
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
-    found, remarks = with_motor_pulses(data, parameters)
-    np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
-    whole = "the pulse range of the motors, from off to full throttle, is"
-    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since the log contains no such parameter"
+    actual, remarks = with_motor_pulses(data, parameters)
+    np.testing.assert_allclose([actual[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
+    phrase = "the pulse range of the motors, from off to full throttle, is"
+    assert remarks[0] == f"{phrase} 1000 to 2000 µs, assumed, since the log contains no such parameter"
     assert (
-        remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by the parameters PWM_MAIN_FUNC1 and so on"
+        remarks[1]
+        == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, according to the parameters PWM_MAIN_FUNC1 and so on"
     )
     # A limit of 0 µs is valid. If `PWM_MAIN_MIN` is negative, the more general parameter `PWM_MIN` applies.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
-    found, remarks = with_motor_pulses(data, limits)
+    actual, remarks = with_motor_pulses(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
-    np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
+    np.testing.assert_allclose([actual[f"output[{i}]"][0] for i in range(2)], expected)
     assert remarks == [
-        f"{whole} 900 to 1900, 0 to 1900 µs, by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        f"{phrase} 900 to 1900, 0 to 1900 µs, according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
     ]
     # If one of the outputs is missing, the motor commands are unknown.
-    few = {name: values for name, values in data.items() if name != "output[2]"}
-    assert with_motor_pulses(few, {}) == (few, [])
+    incomplete = {name: values for name, values in data.items() if name != "output[2]"}
+    assert with_motor_pulses(incomplete, {}) == (incomplete, [])

@@ -1,4 +1,4 @@
-"""Records of flights contain increasing times, and one row per sample for each signal."""
+"""Tests that flight records have increasing times and one row per sample in each signal."""
 
 import numpy as np
 import pytest

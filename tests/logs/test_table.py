@@ -1,4 +1,4 @@
-"""CSV logs with a mapping: units, frames, order of rotors, flights of this library, and error messages."""
+"""Tests of CSV logs with a mapping: units, frames, rotor order, flights saved by this library, and error messages."""
 
 import gzip
 import json
@@ -27,7 +27,7 @@ def write(tmp_path):
     return write_one
 
 
-def said(record, words):
+def has_remark(record, words):
     return any(words in remark for remark in record.remarks)
 
 
@@ -54,7 +54,7 @@ def test_a_mapping_converts_units_frames_and_rotor_order_and_may_contain_constan
         record.motor_command, np.column_stack([1e-3 * i, 0.0 * i + 0.25, 0.0 * i + 1.0, 0.0 * i + 0.5])
     )
     np.testing.assert_allclose(record.wind, np.column_stack([1.0 + 1e-3 * i, 0.0 * i + 0.5, 0.0 * i]))
-    assert said(record, "the mapping is m.yaml")
+    assert has_remark(record, "the mapping is m.yaml")
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
@@ -82,8 +82,8 @@ def test_cells_without_a_number_are_interpolated_or_held(write):
     np.testing.assert_array_equal(record.rotor_speed[:, 2], [1.0, 2.0, 3.0, 6.0])
     np.testing.assert_array_equal(record.thrust_command, [5.0, 5.0, 5.0, 7.0])
     assert [each.missing_fraction for each in record.origins if each.signal == "rotor_speed"] == [0.5]
-    assert said(record, "the first 1 s are left out: rotor_speed is not logged yet")
-    assert said(record, "the last 1 s are left out: rotor_speed is no longer logged")
+    assert has_remark(record, "the first 1 s are left out: rotor_speed is not logged yet")
+    assert has_remark(record, "the last 1 s are left out: rotor_speed is no longer logged")
 
 
 def test_an_angle_is_interpolated_across_half_a_turn(write):
@@ -98,12 +98,12 @@ def test_a_compressed_log_is_read_and_a_truncated_one_up_to_its_end(write, pack)
     text = "t,x,y,z\n" + "".join(f"{i},{a},{b},{c}\n" for i, (a, b, c) in enumerate(rng.normal(size=(3000, 3))))
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     data = pack(text.encode())
-    whole = read_log(write("log.csv.packed", data), mapping)
-    assert len(whole.time) == 3000
-    cut = read_log(write("log.csv.packed", data[: len(data) // 2]), mapping)
-    assert 100 < len(cut.time) < 2000
-    np.testing.assert_array_equal(cut.position, whole.position[: len(cut.time)])
-    assert said(cut, "the compressed file is truncated or damaged")
+    complete = read_log(write("log.csv.packed", data), mapping)
+    assert len(complete.time) == 3000
+    truncated = read_log(write("log.csv.packed", data[: len(data) // 2]), mapping)
+    assert 100 < len(truncated.time) < 2000
+    np.testing.assert_array_equal(truncated.position, complete.position[: len(truncated.time)])
+    assert has_remark(truncated, "the compressed file is truncated or damaged")
     with pytest.raises(InputError, match="is a compressed file that cannot be decompressed"):
         read_log(write("log.csv.packed", data[:8]), mapping)
 
@@ -135,7 +135,7 @@ def test_neural_fly_logs_are_read(tmp_path):
     order = ["", "t", "p", "p_d", "v", "v_d", "q", "R", "w", "T_sp", "q_sp", "hover_throttle", "fa", "pwm"]
     path = write_table(tmp_path / "log.csv", {name: [row[name] for row in rows] for name in order})
     record = read_log(path)
-    assert said(record, "the mapping is neural_fly")
+    assert has_remark(record, "the mapping is neural_fly")
     np.testing.assert_allclose(record.time, 0.02 * np.arange(30), atol=1e-12)
     np.testing.assert_allclose(record.position, record.time[:, None] * [1.0, 2.0, 3.0], atol=1e-12)
     np.testing.assert_allclose(record.attitude, [[0.1, 0.2, 0.3]] * 30)
@@ -144,7 +144,7 @@ def test_neural_fly_logs_are_read(tmp_path):
     np.testing.assert_allclose(record.thrust_fraction, 0.5 + 0.01 * np.arange(30))
     np.testing.assert_allclose(record.reference_position[:, 0] - record.position[:, 0], 0.1)
     np.testing.assert_allclose(record.residual_force[9], [-8.0, 0.5, -0.25])
-    assert said(record, "not read: R, pwm")
+    assert has_remark(record, "not read: R, pwm")
 
 
 def test_crazyflow_states_are_read(tmp_path):
@@ -153,7 +153,7 @@ def test_crazyflow_states_are_read(tmp_path):
     columns |= {f"pos_{axis}": [float(i)] * 3 for i, axis in enumerate("xyz")}
     columns |= {f"quat_{name}": [float(value)] * 3 for name, value in zip("xyzw", (x, y, z, w), strict=True)}
     record = read_log(write_table(tmp_path / "log.csv", columns))
-    assert said(record, "the mapping is crazyflow")
+    assert has_remark(record, "the mapping is crazyflow")
     np.testing.assert_allclose(record.position[1], [0.0, 1.0, 2.0])
     np.testing.assert_allclose(record.attitude[2], [0.1, -0.2, 0.3])
     np.testing.assert_allclose(record.rotor_speed[0], 2.0 * np.pi * np.array([100.0, 200.0, 300.0, 400.0]))
@@ -205,7 +205,7 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("a,b\n1,2\n3,4\n", r"none of the shipped mappings \(.*neural_fly.*\) fits its columns, 'a', 'b'"),
         ("\0\1\2 garbage", "not a log in a known format"),
@@ -220,8 +220,8 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
         (HEADER + ROW.format(1) + ROW.format(1), "no signal with two samples"),
     ],
 )
-def test_an_unreadable_table_is_refused(write, text, words):
-    with pytest.raises(InputError, match=words):
+def test_an_unreadable_table_is_refused(write, text, message):
+    with pytest.raises(InputError, match=message):
         read_log(write("log.csv", text))
 
 
@@ -229,12 +229,12 @@ def test_truncated_rows_are_left_out(write):
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     record = read_log(write("log.csv", "t,x,y,z\n0,1,2,3\n1,1,2\n2,1,2,3\n3,1,2,3\n4,1,2,3.2"), mapping)
     np.testing.assert_array_equal(record.time, [0.0, 2.0, 3.0])
-    assert said(record, "1 row left out: the number of cells is not 4")
-    assert said(record, "the last row is left out")
+    assert has_remark(record, "1 row left out: the number of cells is not 4")
+    assert has_remark(record, "the last row is left out")
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("signals: {speed: {columns: [v]}}", r"m.yaml:1: signals.speed is not a signal; signals are position"),
         ("signals: {positions: {columns: [v]}}", "did you mean position"),
@@ -266,9 +266,9 @@ def test_truncated_rows_are_left_out(write):
         ("time: {column: t}\nsignals: {}", "does not fit the mapping m.yaml: the mapping has no signals"),
     ],
 )  # fmt: skip
-def test_an_invalid_mapping_is_refused(write, text, words):
+def test_an_invalid_mapping_is_refused(write, text, message):
     log = write("log.csv", TABLE)
-    with pytest.raises(InputError, match=words) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         read_log(log, write("m.yaml", text))
     assert "\n" not in str(caught.value)
 
@@ -312,7 +312,7 @@ def test_a_mapping_can_name_the_vehicle_and_give_the_wind_for_words_in_log_names
     path = write("m.yaml", mapping)
     gale, calm, other = (read_log(write(f"{name}.csv", TABLE), path) for name in ("my_gale", "my_nogale", "my_other"))
     np.testing.assert_allclose(gale.wind, np.tile([-9.0, 1.0, 0.5], (6, 1)))
-    assert said(gale, "wind is (-9, 1, 0.5) m/s, as the name of the log implies")
+    assert has_remark(gale, "wind is (-9, 1, 0.5) m/s, as the name of the log implies")
     np.testing.assert_allclose(calm.wind, 0.0)
     assert other.wind is None
     assert gale.vehicle == "vehicles/crazyflie.yaml"
@@ -338,7 +338,7 @@ signals:
 FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "m1", "m2", "m3", "m4", "rx", "ry", "rz")
 
 
-def flown(write, **changed):
+def record_with(write, **changed):
     """Return a record of 2 s at 100 Hz in which a vehicle moves along x, with some columns replaced."""
     t = 0.01 * np.arange(200)
     columns = {name: np.zeros(200) for name in FIELDS} | {"x": t, "z": 1.0 + 0 * t, "qw": 1.0 + 0 * t, "rx": t + 0.1}
@@ -353,49 +353,53 @@ DOUBTFUL_REMARKS = ("left out", "jumps", "zero", "may not have flown", "referenc
 
 
 def test_a_consistent_flight_has_no_remark(write):
-    record = flown(write)
+    record = record_with(write)
     assert len(record.time) == 200
-    assert not any(said(record, words) for words in DOUBTFUL_REMARKS)
+    assert not any(has_remark(record, words) for words in DOUBTFUL_REMARKS)
 
 
 def test_rows_with_impossible_motor_commands_are_left_out(write):
     """Rows with impossible commands occur in logs that were extrapolated, and all of their columns are unreliable."""
-    record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
+    record = record_with(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
-    assert said(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")
-    assert said(record, "motor commands of up to 19.1 times the full command")
-    below = flown(write, m2=lambda t: np.where(t > 1.5, -300.0, 40_000.0))
+    assert has_remark(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")
+    assert has_remark(record, "motor commands of up to 19.1 times the full command")
+    below = record_with(write, m2=lambda t: np.where(t > 1.5, -300.0, 40_000.0))
     assert len(below.time) == 151
-    assert len(flown(write, m2=lambda t: np.where(t > 1.5, 65_535.0, 0.0)).time) == 200
+    assert len(record_with(write, m2=lambda t: np.where(t > 1.5, 65_535.0, 0.0)).time) == 200
 
 
 def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
-    record = flown(write, x=lambda t: t + 0.4 * (t > 1.0), rx=lambda t: t)
-    assert said(record, "position jumps once, by up to 0.4 m at 1.01 s: the estimator was reset, or the log is damaged")
-    hard = flown(write, x=lambda t: 0.5 * np.sin(10.0 * t), rx=lambda t: 0.0 * t)
-    slow = flown(write, x=lambda t: 5.0 * np.floor(5.0 * t) / 5.0, rx=lambda t: 5.0 * t)
-    assert not any(said(each, "jumps") for each in (hard, slow))
+    record = record_with(write, x=lambda t: t + 0.4 * (t > 1.0), rx=lambda t: t)
+    assert has_remark(
+        record, "position jumps once, by up to 0.4 m at 1.01 s: the estimator was reset, or the log is damaged"
+    )
+    hard = record_with(write, x=lambda t: 0.5 * np.sin(10.0 * t), rx=lambda t: 0.0 * t)
+    slow = record_with(write, x=lambda t: 5.0 * np.floor(5.0 * t) / 5.0, rx=lambda t: 5.0 * t)
+    assert not any(has_remark(each, "jumps") for each in (hard, slow))
 
 
 def test_quaternions_of_zeros_are_missing_attitudes(write):
     """The record states the fraction of samples without an attitude. If too few remain, the attitude is left out."""
-    part = flown(write, qw=lambda t: 1.0 * (t > 0.5), qz=lambda t: 0.01 * (t > 0.5))
+    part = record_with(write, qw=lambda t: 1.0 * (t > 0.5), qz=lambda t: 0.01 * (t > 0.5))
     assert [each.missing_fraction for each in part.origins if each.signal == "attitude"] == [51 / 200]
     assert np.isfinite(part.attitude).all()
-    none = flown(write, qw=lambda t: 0.0 * t, qz=lambda t: 0.0 * t)
+    none = record_with(write, qw=lambda t: 0.0 * t, qz=lambda t: 0.0 * t)
     assert none.attitude is None
-    assert said(none, "attitude is left out: qw to qz is a quaternion of length 1 in fewer than two samples")
-    assert said(flown(write, qz=lambda t: 0.0 * t), "attitude is zero throughout: it may not have been measured")
+    assert has_remark(none, "attitude is left out: qw to qz is a quaternion of length 1 in fewer than two samples")
+    assert has_remark(
+        record_with(write, qz=lambda t: 0.0 * t), "attitude is zero throughout: it may not have been measured"
+    )
 
 
 def test_a_vehicle_that_stays_on_the_ground_is_reported(write):
-    record = flown(write, z=lambda t: 0.1 + 0.05 * np.sin(t))
-    assert said(record, "the height stays between 0.1 and 0.15 m: the vehicle may not have flown")
+    record = record_with(write, z=lambda t: 0.1 + 0.05 * np.sin(t))
+    assert has_remark(record, "the height stays between 0.1 and 0.15 m: the vehicle may not have flown")
 
 
 def test_a_reference_out_of_reach_is_reported(write):
-    record = flown(write, rx=lambda t: np.where(t > 1.0, -17.0, t))
-    assert said(record, "reference_position is up to 19 m away from a vehicle that moves by 2 m, first at 1.01 s")
+    record = record_with(write, rx=lambda t: np.where(t > 1.0, -17.0, t))
+    assert has_remark(record, "reference_position is up to 19 m away from a vehicle that moves by 2 m, first at 1.01 s")
 
 
 def test_the_first_of_several_damaged_columns_is_named(tmp_path):

@@ -1,4 +1,4 @@
-"""Clocks with jumps, repeated times, gaps and jitter."""
+"""Tests of logs whose clocks have jumps, repeated times, gaps and jitter."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from written_logs import DATA
 from drake_quad.identification.windows import segment_numbers
 from drake_quad.logs.reading import read_log
 from drake_quad.logs.record import FlightRecord
-from drake_quad.logs.timing import gaps, rising_samples, timing_remarks
+from drake_quad.logs.timing import gaps, increasing_samples, timing_remarks
 
 
 def record(time):
@@ -18,7 +18,7 @@ def record(time):
 
 
 @pytest.mark.parametrize(
-    ("time", "kept", "words"),
+    ("time", "expected", "phrases"),
     [
         ([0, 1, 2, 3], [0, 1, 2, 3], []),
         ([0, 1, 1, 2], [0, 1, 2], ["1 sample left out: they repeat the time"]),
@@ -30,21 +30,21 @@ def record(time):
         ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, by up to 1 s at 3 s"]),
     ],
 )
-def test_samples_out_of_order_are_left_out(time, kept, words):
-    chosen, remarks = rising_samples(np.array(time, dtype=float))
-    assert np.array(time)[chosen].tolist() == kept
-    assert len(remarks) == len(words)
-    for remark, each in zip(remarks, words, strict=True):
+def test_samples_out_of_order_are_left_out(time, expected, phrases):
+    chosen, remarks = increasing_samples(np.array(time, dtype=float))
+    assert np.array(time)[chosen].tolist() == expected
+    assert len(remarks) == len(phrases)
+    for remark, each in zip(remarks, phrases, strict=True):
         assert each in remark
 
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
 def test_the_times_of_kept_samples_increase_and_increasing_times_are_all_kept(time):
-    chosen, remarks = rising_samples(time)
+    chosen, remarks = increasing_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
     in_order = np.unique(time[np.isfinite(time)])
-    assert rising_samples(in_order)[0].all()
+    assert increasing_samples(in_order)[0].all()
 
 
 def test_a_record_is_divided_at_its_gaps():
@@ -69,8 +69,8 @@ def test_jitter_is_reported_with_its_amplitude():
 
 
 def test_the_gap_in_a_real_log_is_found():
-    whole = read_log(DATA / "crazyflie/crazyswarm2/log145.xz")
-    before, after = (whole.subset(segment_numbers(whole) == number) for number in range(2))
-    assert len(before.time) + len(after.time) == len(whole.time)
+    record = read_log(DATA / "crazyflie/crazyswarm2/log145.xz")
+    before, after = (record.subset(segment_numbers(record) == number) for number in range(2))
+    assert len(before.time) + len(after.time) == len(record.time)
     assert after.time[0] - before.time[-1] == pytest.approx(1.129973)
-    np.testing.assert_array_equal(after.position, whole.position[len(before.time) :])
+    np.testing.assert_array_equal(after.position, record.position[len(before.time) :])

@@ -1,5 +1,6 @@
-"""PX4's ULog: values in NED and FRD are converted to the frames of this library, and to one clock."""
+"""Tests that PX4's ULog is converted from NED and FRD to the frames of this library, and to one clock."""
 
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ from written_logs import DATA, message, quaternion_of, ulog
 
 from drake_quad import InputError
 from drake_quad.identification.windows import segment_numbers
-from drake_quad.logs.formats.ulog import _chain_of, _dropouts
+from drake_quad.logs.formats.ulog import _dropouts, _intact_start_of
 from drake_quad.logs.reading import read_log
 from drake_quad.logs.source import LogFile
 
@@ -30,7 +31,7 @@ def read(tmp_path):
     return read_one
 
 
-def said(record, words):
+def has_remark(record, words):
     return any(words in remark for remark in record.remarks)
 
 
@@ -88,8 +89,10 @@ def test_frames_and_rotor_order_of_a_ulog_are_converted(read):
 
 
 def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(read):
-    """The time of a measurement is that of its sampling, 2 ms before it is written. The time of a command is that of
-    writing."""
+    """The time of a measurement is that of its sampling, 2 ms before it is written.
+
+    The time of a command is that of writing.
+    """
     data = ulog(
         {
             "vehicle_local_position": (
@@ -124,8 +127,8 @@ def test_a_dropout_is_a_gap(read):
     lost = {1_400_000 + 4000 * i for i in range(51)}
     samples = [row for row in rows(4000, lambda t: (t, 0.0, 0.0), sampled=0) if row[0] not in lost]
     record = read(ulog({"vehicle_angular_velocity": (XYZ, samples)}, dropouts=[(1_604_000, 204)]))
-    assert said(record, "1 dropout of the logger, 0.204 s in total; the longest lasts 0.204 s")
-    assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in total")
+    assert has_remark(record, "1 dropout of the logger, 0.204 s in total; the longest lasts 0.204 s")
+    assert has_remark(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in total")
     before, after = (record.subset(segment_numbers(record) == number) for number in range(2))
     assert before.time[-1] == pytest.approx(0.396)
     assert after.time[0] == pytest.approx(0.604)
@@ -151,20 +154,20 @@ def test_a_signal_that_is_logged_only_briefly_is_left_out(read):
     )
     record = read(data)
     assert record.names == ("body_rates",)
-    assert said(record, "attitude is left out: it is logged for 9% of the time")
+    assert has_remark(record, "attitude is left out: it is logged for 9% of the time")
 
 
 def test_force_velocity_and_position_of_a_real_hover_log_are_consistent():
     record = read_log(DATA / "px4/sample_px4_events.ulg.xz")
     flying = record.position[:, 2] > 1.0
     assert flying.sum() > 200
-    felt = np.trapezoid(record.specific_force[flying, 2] - 9.81, record.time[flying])
-    climb = record.velocity[flying, 2]
-    assert felt == pytest.approx(climb[-1] - climb[0], abs=0.2)
+    velocity_change = np.trapezoid(record.specific_force[flying, 2] - 9.81, record.time[flying])
+    climb_rate = record.velocity[flying, 2]
+    assert velocity_change == pytest.approx(climb_rate[-1] - climb_rate[0], abs=0.2)
     assert abs(record.attitude[flying, :2]).max() < 0.02
     assert 0.4 < record.motor_command[flying].mean() < 0.6
-    climbing = np.gradient(record.position[:, 2], record.time)
-    assert np.corrcoef(climbing, record.velocity[:, 2])[0, 1] > 0.9
+    position_derivative = np.gradient(record.position[:, 2], record.time)
+    assert np.corrcoef(position_derivative, record.velocity[:, 2])[0, 1] > 0.9
     assert record.reference_position[flying, 2].mean() == pytest.approx(record.position[flying, 2].mean(), abs=0.2)
 
 
@@ -172,7 +175,7 @@ VALID_LOG = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "message"),
     [
         (VALID_LOG[:10], "is a ULog that cannot be read: Invalid file format"),
         (VALID_LOG[:40], "is a ULog without any of the topics"),
@@ -181,8 +184,8 @@ VALID_LOG = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0
         (ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}), "the topic wind has 131,071 fields"),
     ],
 )
-def test_an_unreadable_log_is_refused_with_one_sentence(read, data, words):
-    with pytest.raises(InputError, match=words):
+def test_an_unreadable_log_is_refused_with_one_sentence(read, data, message):
+    with pytest.raises(InputError, match=message):
         read(data)
 
 
@@ -196,12 +199,13 @@ def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("topic", "words"), [("wind", "the topic wind contains itself"), ("deep", "the topic wind has 25,000,001 fields")]
+    ("topic", "expected_message"),
+    [("wind", "the topic wind contains itself"), ("deep", "the topic wind has 25,000,001 fields")],
 )
-def test_topics_with_too_many_nested_fields_are_refused(read, topic, words):
+def test_topics_with_too_many_nested_fields_are_refused(read, topic, expected_message):
     formats = {"wind": f"uint64_t timestamp;{topic}[5000] a;", "deep": "float[5000] b;"}
     messages = [message(b"B", bytes(40)), *(message(b"F", f"{name}:{each}".encode()) for name, each in formats.items())]
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=expected_message):
         read(VALID_LOG[:16] + b"".join(messages))
 
 
@@ -245,20 +249,22 @@ def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
     }
     assumed = read(ulog(motors))
     np.testing.assert_allclose(assumed.motor_command[0], [0.1, 0.4, 0.2, 0.3], rtol=1e-6)
-    assert said(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed as in PX4's quad-x")
+    assert has_remark(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed as in PX4's quad-x")
     # Positions of PX4's rotors 1 to 4: front left, back left, back right, front right.
-    places = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
+    positions = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
     parameters = {"CA_ROTOR_COUNT": 4}
-    for i, (x, y) in enumerate(places):
+    for i, (x, y) in enumerate(positions):
         parameters |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y}
     known = read(ulog(motors, parameters=parameters))
     np.testing.assert_allclose(known.motor_command[0], [0.4, 0.3, 0.2, 0.1], rtol=1e-6)
-    assert said(known, "PX4's rotors 1 to 4 are rotors 4, 3, 2, 1 of this library, by the parameters CA_ROTOR0_PX")
+    assert has_remark(
+        known, "PX4's rotors 1 to 4 are rotors 4, 3, 2, 1 of this library, according to the parameters CA_ROTOR0_PX"
+    )
     named = read(ulog(motors, parameters=parameters), "px4")
     np.testing.assert_array_equal(named.motor_command, known.motor_command)
     assert named.remarks == known.remarks
-    odd = read(ulog(motors, parameters=parameters | {"CA_ROTOR0_PY": 0.3}))
-    assert said(odd, "assumed as in PX4's quad-x")
+    inconsistent = read(ulog(motors, parameters=parameters | {"CA_ROTOR0_PY": 0.3}))
+    assert has_remark(inconsistent, "assumed as in PX4's quad-x")
 
 
 def test_dropouts_are_reported():
@@ -279,24 +285,24 @@ def status(*values):
 
 
 @pytest.mark.parametrize(
-    ("topics", "parameters", "words"),
+    ("topics", "parameters", "message"),
     [
-        ({}, {"MAV_TYPE": 13}, "a hexarotor, by the parameter MAV_TYPE, 13"),
-        ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL, by the parameter MAV_TYPE, 22"),
-        ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane, by the parameter CA_AIRFRAME, 1"),
-        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle with 6 rotors, by the parameter CA_ROTOR_COUNT"),
-        (status(1, False, 14, False), {}, "an octorotor, by vehicle_status.system_type, 14"),
-        (status(2, False, 0, False), {}, "an aeroplane, by vehicle_status.vehicle_type, 2"),
-        (status(1, True, 0, False), {}, "a VTOL, by vehicle_status.is_vtol"),
+        ({}, {"MAV_TYPE": 13}, "a hexarotor (the parameter MAV_TYPE is 13)"),
+        ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL (the parameter MAV_TYPE is 22)"),
+        ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane (the parameter CA_AIRFRAME is 1)"),
+        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle with 6 rotors (the parameter CA_ROTOR_COUNT is 6)"),
+        (status(1, False, 14, False), {}, "an octorotor (vehicle_status.system_type is 14)"),
+        (status(2, False, 0, False), {}, "an aeroplane (vehicle_status.vehicle_type is 2)"),
+        (status(1, True, 0, False), {}, "a VTOL (vehicle_status.is_vtol is 1)"),
     ],
 )
-def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, topics, parameters, words):
+def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, topics, parameters, message):
     data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
-        InputError, match=rf"log.ulg: is a log of {words}.*, not of a quadrotor; to read it, give a mapping"
+        InputError, match=rf"log.ulg: is a log of {re.escape(message)}, not of a quadrotor; to read it, give a mapping"
     ):
         read(data)
-    assert said(read(data, "px4"), f"the log is of {words}")
+    assert has_remark(read(data, "px4"), f"the log is of {message}")
 
 
 @pytest.mark.parametrize(
@@ -309,18 +315,22 @@ def test_a_log_of_another_vehicle_is_refused_unless_a_mapping_is_given(read, top
     ],
 )
 def test_a_log_of_a_quadrotor_is_read_without_a_remark(read, topics, parameters):
-    assert not said(read(ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)), "the log is of")
+    assert not has_remark(read(ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)), "the log is of")
 
 
 PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5, 1950.0, 900.0, *[0.0] * 4)))
 
 
 @pytest.mark.parametrize(
-    ("parameters", "fractions", "words"),
+    ("parameters", "fractions", "message"),
     [
         ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since the log contains no such parameter"),
-        ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by the parameters PWM_MAIN_MIN"),
-        ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by"),
+        (
+            {"PWM_MIN": 1075, "PWM_MAX": 1950},
+            (0.0, 0.0, 0.5, 1.0),
+            "1075 to 1950 µs, according to the parameters",
+        ),
+        ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, according to"),
         (
             {"PWM_MIN": 1075, "PWM_MAX": 1950, "PWM_MAIN_MIN3": 1025, "PWM_MAIN_MAX3": -1},
             (0.0, 0.0, 0.5, 1.0),
@@ -334,12 +344,11 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
         ),
     ],
 )
-def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
-    """A record lists the motors in the order front right, back right, back left, front left: PX4's motors 1, 4, 2 and
-    3."""
+def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, message):
+    """A record lists front right, back right, back left and front left motor, which are PX4's motors 1, 4, 2 and 3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
-    assert said(record, words)
+    assert has_remark(record, message)
 
 
 def test_equal_pulse_limits_are_refused(read):
@@ -362,7 +371,9 @@ def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     missing = {each.signal: each.missing_fraction for each in record.origins}
     assert (missing["position"], missing["velocity"]) == pytest.approx((40 / 101, 21 / 101))
     np.testing.assert_allclose(record.position[0], [1.0, -2.0, 3.0], atol=1e-6)
-    assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
+    assert has_remark(
+        record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log"
+    )
 
 
 # Position (m) and velocity (m/s) in NED, four flags of valid components, and the flag of dead reckoning.
@@ -404,31 +415,37 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
         }
     )
     record = read(data)
-    assert said(record, "the estimator resets its position 2 times, by up to 0.5 m, first at 0.3 s of the log")
-    assert said(record, "the estimator resets its attitude once, by up to 0.1 rad, first at 0.5 s of the log")
-    assert not said(record, "resets its climb")  # the reset is 0.1 mm/s, too small to matter
-    assert said(record, "estimator_status reports numerical faults in 18.18% of its samples, first at 0.9 s of the log")
-    assert not said(record, "rejected")
-    assert said(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
-    assert said(record, "the log ends in flight")
-    assert said(record, "position jumps 2 times, by up to 0.5 m at 0.7 s")
-    assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
+    assert has_remark(record, "the estimator resets its position 2 times, by up to 0.5 m, first at 0.3 s of the log")
+    assert has_remark(record, "the estimator resets its attitude once, by up to 0.1 rad, first at 0.5 s of the log")
+    assert not has_remark(record, "resets its climb")  # the reset is 0.1 mm/s, too small to matter
+    assert has_remark(
+        record, "estimator_status reports numerical faults in 18.18% of its samples, first at 0.9 s of the log"
+    )
+    assert not has_remark(record, "rejected")
+    assert has_remark(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
+    assert has_remark(record, "the log ends in flight")
+    assert has_remark(record, "position jumps 2 times, by up to 0.5 m at 0.7 s")
+    assert not has_remark(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
 def test_times_in_remarks_count_from_the_first_sample_of_any_signal(read):
     fields = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
     turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
-    late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
-    record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL_POSITION_FIELDS, late)}))
-    assert said(record, "resets its attitude once, by up to 0.2 rad, first at 0.5 s of the log")
+    starting_later = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
+    record = read(
+        ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL_POSITION_FIELDS, starting_later)})
+    )
+    assert has_remark(record, "resets its attitude once, by up to 0.2 rad, first at 0.5 s of the log")
 
 
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])
 def test_a_log_that_is_cut_is_reported(read, bytes_left):
-    whole = ulog(TURNING_VEHICLE)
+    complete = ulog(TURNING_VEHICLE)
     last = 3 + 2 + 8 + 8 + 12
-    assert not said(read(whole), "the log is truncated")
-    assert said(read(whole[: len(whole) - last + bytes_left]), "no complete message, so the log is truncated")
+    assert not has_remark(read(complete), "the log is truncated")
+    assert has_remark(
+        read(complete[: len(complete) - last + bytes_left]), "no complete message, so the log is truncated"
+    )
 
 
 HEADER_AND_TWO_MESSAGES = b"ULog".ljust(16, b"\1") + message(b"F", b"12345") + message(b"D", b"1234567")
@@ -436,7 +453,7 @@ COMPLETE_SIZE = len(HEADER_AND_TWO_MESSAGES)  # bytes; the file is complete up t
 
 
 @pytest.mark.parametrize(
-    ("rest", "end", "goes_on", "words"),
+    ("rest", "end", "continues", "expected_message"),
     [
         (b"", COMPLETE_SIZE, False, ""),
         *(
@@ -461,7 +478,7 @@ COMPLETE_SIZE = len(HEADER_AND_TWO_MESSAGES)  # bytes; the file is complete up t
         ),
     ],
 )
-def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, goes_on, words):
-    chain = _chain_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
-    assert (chain.end, chain.may_continue) == (end, goes_on)
-    assert [words in each for each in chain.remarks] == ([True] if words else [])
+def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, continues, expected_message):
+    chain = _intact_start_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
+    assert (chain.end, chain.may_continue) == (end, continues)
+    assert [expected_message in each for each in chain.remarks] == ([True] if expected_message else [])

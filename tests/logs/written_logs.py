@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 DATA = Path(__file__).parents[1] / "data"
 
 
-def crazyflie_log(kinds, records, *, version=2, checksum=True):
+def crazyflie_log(event_types, records, *, version=2, checksum=True):
     """Return the bytes of a Crazyflie's log.
 
     Args:
@@ -21,12 +21,12 @@ def crazyflie_log(kinds, records, *, version=2, checksum=True):
         version: version of the format.
         checksum: True if the log ends with a checksum.
     """
-    data = struct.pack("<BHH", 0xBC, version, len(kinds))
-    for identity, name, variables in kinds:
+    data = struct.pack("<BHH", 0xBC, version, len(event_types))
+    for identity, name, variables in event_types:
         data += struct.pack("<H", identity) + name.encode() + b"\0" + struct.pack("<H", len(variables))
         for variable, letter in variables:
             data += f"{variable}({letter})".encode() + b"\0"
-    formats = {identity: "".join(letter for _, letter in variables) for identity, _, variables in kinds}
+    formats = {identity: "".join(letter for _, letter in variables) for identity, _, variables in event_types}
     for identity, time, values in records:
         data += struct.pack("<HI" if version == 1 else "<HQ", identity, time)
         data += struct.pack("<" + formats[identity], *values)

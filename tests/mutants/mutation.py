@@ -32,7 +32,7 @@ class Mutant(NamedTuple):
         kind: kind of the change, such as "operator".
         before: original lines, joined into one.
         after: the same lines after the change, joined into one.
-        place: indices of the first replaced byte, and of the byte after the last replaced byte.
+        span: indices of the first replaced byte, and of the byte after the last replaced byte.
         code: text that replaces these bytes.
     """
 
@@ -42,12 +42,12 @@ class Mutant(NamedTuple):
     kind: str
     before: str
     after: str
-    place: tuple[int, int]
+    span: tuple[int, int]
     code: str
 
     def applied(self, text: str) -> str:
         """Return the text with this change."""
-        begin, end = self.place
+        begin, end = self.span
         return (text.encode()[:begin] + self.code.encode() + text.encode()[end:]).decode()
 
 
@@ -101,7 +101,7 @@ def mutants_of(text: str) -> list[Mutant]:
     source, starts, mutants = text.encode(), [0], []
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
-    for node, parent, lines, declared in _visited(ast.parse(text)):
+    for node, parent, lines, declared in _visit_nodes(ast.parse(text)):
         for kind, new in _changes(node, parent):
             first, last = starts[node.lineno - 1], starts[node.end_lineno]
             begin, end = first + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
@@ -122,7 +122,7 @@ def _in_one_line(text: bytes) -> str:
     return " ".join(text.decode().split())
 
 
-def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
+def _visit_nodes(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
     """Yield each node that may change, its parent, the lines that it affects, and whether it runs at import."""
     pending: list[tuple[ast.AST, ast.AST, range, bool]] = [(node, module, range(0), True) for node in module.body]
     while pending:
@@ -141,11 +141,11 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
         for field, value in ast.iter_fields(node):
             if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
                 continue
-            if _is_the_rest_of_a_shape(node, parent):
+            if _is_inferred_dimension(node, parent):
                 continue
             inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
-            for place, child in enumerate(value if isinstance(value, list) else [value]):
-                if isinstance(child, ast.AST) and not _is_appearance(node, field, place):
+            for index, child in enumerate(value if isinstance(value, list) else [value]):
+                if isinstance(child, ast.AST) and not _is_appearance(node, field, index):
                     pending.append((child, node, lines, inside))
 
 
@@ -160,12 +160,12 @@ def _is_styling(node: ast.AST) -> bool:
     )
 
 
-def _is_appearance(node: ast.AST, field: str, place: int) -> bool:
+def _is_appearance(node: ast.AST, field: str, index: int) -> bool:
     """Return whether a part of a node affects only appearance, such as the distance of a label from its point."""
     if isinstance(node, ast.Dict) and field == "values":
-        key = node.keys[place]
+        key = node.keys[index]
         return isinstance(key, ast.Constant) and key.value in _APPEARANCE_ARGUMENTS
-    return isinstance(node, ast.Call) and field == "args" and _name(node) == "annotate" and place == 2
+    return isinstance(node, ast.Call) and field == "args" and _name(node) == "annotate" and index == 2
 
 
 def _name(call: ast.Call) -> str:
@@ -173,7 +173,7 @@ def _name(call: ast.Call) -> str:
     return call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
 
 
-def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
+def _is_inferred_dimension(node: ast.AST, parent: ast.AST) -> bool:
     """Return whether a node is -1 in a call of reshape, where NumPy accepts any negative number."""
     called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
     return called and isinstance(node, ast.UnaryOp)
@@ -210,13 +210,13 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "sign", operand
         case ast.Compare(left, [operator], [right]):
             yield "condition", ast.Compare(left, [_OPPOSITE_COMPARISONS[type(operator)]()], [right])
-            if type(operator) in _BOUNDARY_COMPARISONS and (_is_whole(left) or _is_whole(right)):
+            if type(operator) in _BOUNDARY_COMPARISONS and (_is_integer(left) or _is_integer(right)):
                 yield "boundary", ast.Compare(left, [_BOUNDARY_COMPARISONS[type(operator)]()], [right])
         case ast.Compare(left, [first, *others], rights):
             yield "condition", ast.Compare(left, [_OPPOSITE_COMPARISONS[type(first)](), *others], rights)
         case ast.BoolOp(operator, values):
             yield "condition", ast.BoolOp(ast.Or() if isinstance(operator, ast.And) else ast.And(), values)
-        case ast.Constant(int()) if _is_a_guard_or_a_count(parent):
+        case ast.Constant(int()) if _is_option_or_count(parent):
             return
         case ast.Constant(bool() as value):
             yield "number", ast.Constant(not value)
@@ -230,7 +230,7 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
         case ast.Tuple(elements) | ast.List(elements) if not _has_fixed_order(
             parent
         ) and not _have_equal_initial_values(node, parent):
-            for swapped in _swapped(elements):
+            for swapped in _neighbour_swaps(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
             yield "statement", ast.Pass()
@@ -256,24 +256,24 @@ def _changes_of_call(
         yield from (("condition", argument) for argument in arguments[1:])
     if name in _FUNCTIONS_WITH_FIXED_ARGUMENT_ORDER:
         return
-    for swapped in _swapped(arguments):
+    for swapped in _neighbour_swaps(arguments):
         yield "order", ast.Call(function, swapped, keywords)
     significant = [keyword for keyword in keywords if keyword.arg not in _CHECK_ARGUMENTS | _APPEARANCE_ARGUMENTS]
     others = [keyword for keyword in keywords if keyword.arg in _CHECK_ARGUMENTS | _APPEARANCE_ARGUMENTS]
-    for values in _swapped([keyword.value for keyword in significant]):
+    for values in _neighbour_swaps([keyword.value for keyword in significant]):
         exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(significant, values, strict=True)]
         yield "order", ast.Call(function, arguments, exchanged + others)
 
 
-def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
+def _neighbour_swaps(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
     """Yield copies of a list, each with two neighbouring items of the same type exchanged."""
     for i, (first, second) in enumerate(pairwise(nodes)):
         if type(first) is type(second) and ast.dump(first) != ast.dump(second) and not _is_text(first):
             yield [*nodes[:i], second, first, *nodes[i + 2 :]]
 
 
-def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
-    """Return whether an integer in a node is an option for a check, a number of samples, or a private constant."""
+def _is_option_or_count(parent: ast.AST) -> bool:
+    """Return whether a node uses an integer as a check option, as a number of samples, or as a private constant."""
     if isinstance(parent, ast.keyword):
         return parent.arg in _CHECK_ARGUMENTS
     if isinstance(parent, ast.Call):
@@ -304,8 +304,8 @@ def _is_text(node: ast.expr) -> bool:
     return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
-def _is_whole(node: ast.expr) -> bool:
-    """Return whether a node is recognisably an integer."""
+def _is_integer(node: ast.expr) -> bool:
+    """Return whether a node is an integer literal or a call of `len`."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id == "len"
     return isinstance(node, ast.Constant) and isinstance(node.value, int)

@@ -54,10 +54,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="random seed for drawing the mutants")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument(
-        "--only", nargs="+", default=[""], help="mutate only files whose path in drake_quad/ begins with one of these"
+        "--only",
+        nargs="+",
+        default=[""],
+        help="mutate only files whose path in drake_quad/ begins with one of these prefixes",
     )
     parser.add_argument(
-        "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these"
+        "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these prefixes"
     )
     parser.add_argument(
         "--seconds", type=float, default=40.0, help="limit on the total recorded CPU time of one mutant's tests, s"
@@ -69,15 +72,15 @@ def main() -> int:
         )
         return 2
     prepare()
-    mutants = drawn(arguments.number, arguments.seed, arguments.only)
+    mutants = draw_mutants(arguments.number, arguments.seed, arguments.only)
     if not mutants:
         print(f"--only: no path of a file in drake_quad/ begins with {' or '.join(arguments.only)}", file=sys.stderr)
         return 2
     tests = recorded_tests(arguments.processes, arguments.tests)
     # Tests must pass with the unchanged sources. Otherwise, a failure could have another cause than the mutant.
-    unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
+    unchanged = [(file, mutant._replace(span=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [
-        (kill, file, mutant, worth_running(tests, file, mutant, arguments.seconds))
+        (kill, file, mutant, tests_to_run(tests, file, mutant, arguments.seconds))
         for file, mutant in unchanged + mutants
     ]
     results: list[tuple[str, Mutant, Outcome]] = []
@@ -101,8 +104,8 @@ def package_of(file: str) -> str:
     return package if inside else TOP_LEVEL_MODULES
 
 
-def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
-    """Draw mutants of each package, and return pairs of a file and a mutant.
+def draw_mutants(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
+    """Draw random mutants of each package, and return pairs of a file and a mutant.
 
     A line gets a second mutant only after every line of its package has one. Packages alternate.
 
@@ -128,7 +131,7 @@ def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
         lines = [generator.sample(mutants, len(mutants)) for _, mutants in sorted(package.items())]
         generator.shuffle(lines)
         rounds = range(max(map(len, lines)))
-        in_order = [mutants[place] for place in rounds for mutants in lines if place < len(mutants)]
+        in_order = [mutants[index] for index in rounds for mutants in lines if index < len(mutants)]
         chosen.append(in_order if number == "all" else in_order[: int(number)])
     return [mutant for mutants in zip_longest(*chosen) for mutant in mutants if mutant is not None]
 
@@ -138,7 +141,7 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
     return list({package_of(file): (file, mutant) for file, mutant in reversed(mutants)}.values())
 
 
-def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
+def tests_to_run(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
     """Return the tests that may kill a mutant, in the order in which to run them, with their durations (s).
 
     Tests that run the mutant's line come first. The other tests of the same test files follow, because the lines that a
@@ -157,8 +160,8 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: fl
     package = "tests/test_" if package_of(file) == TOP_LEVEL_MODULES else f"tests/{package_of(file)}/"
     runners = {name for name, test in tests.items() if any(line in mutant.lines for line in test.lines.get(file, ()))}
     if mutant.declared or not runners:
-        near = {name for name, test in tests.items() if file in test.lines or name.startswith(package)}
-        files = {name.split("::")[0] for name in near}
+        candidates = {name for name, test in tests.items() if file in test.lines or name.startswith(package)}
+        files = {name.split("::")[0] for name in candidates}
         runners = {name for name in tests if name.split("::")[0] in files}
     files = {name.split("::")[0] for name in runners}
 
@@ -181,18 +184,18 @@ def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
         processes: number of test files that run at the same time.
         only: only test files whose path in tests/ begins with one of these prefixes are run.
     """
-    kept = OUTPUT / "tests.json"
-    known = json.loads(kept.read_text()) if kept.exists() else {}
+    records_file = OUTPUT / "tests.json"
+    records = json.loads(records_file.read_text()) if records_file.exists() else {}
     paths = sorted(
         path for folder in ("drake_quad", "scripts", "diagrams", "tests") for path in Path(folder).rglob("*.*")
     )
     begin = tuple(f"tests/{path}" for path in only)
     files = [str(path) for path in paths if path.match("test_*.py") and not str(path).startswith(EXCLUDED_TESTS)]
     files = [file for file in files if file.startswith(begin)]
-    others = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
-    sources = b"".join(path.read_bytes() for path in others if path.parent.name != "mutants")
+    source_files = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
+    sources = b"".join(path.read_bytes() for path in source_files if path.parent.name != "mutants")
     digests = {file: hashlib.sha256(sources + Path(file).read_bytes()).hexdigest() for file in files}
-    new = [file for file in files if known.get(file, {}).get("digest") != digests[file]]
+    new = [file for file in files if records.get(file, {}).get("digest") != digests[file]]
     for index, result in run_forked([(record_tests, file) for file in new], processes, "test files"):
         if isinstance(result, Outcome):
             raise RuntimeError(f"cannot record tests: {result.killer}")
@@ -200,9 +203,9 @@ def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
         for name in dict.fromkeys(failed):
             print(f"{name}: not used, because it fails without a mutant", file=sys.stderr)
         passing = {name: test for name, test in recorded.items() if name not in failed}
-        known[new[index]] = {"digest": digests[new[index]], "tests": passing}
-        kept.write_text(json.dumps(known))
-    return {name: Test(*test) for file in files for name, test in known[file]["tests"].items()}
+        records[new[index]] = {"digest": digests[new[index]], "tests": passing}
+        records_file.write_text(json.dumps(records))
+    return {name: Test(*test) for file in files for name, test in records[file]["tests"].items()}
 
 
 def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
@@ -213,7 +216,9 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
         for after in entry["after"]
     }
     survived = [(file, mutant) for file, mutant, outcome in results if outcome.killer is None]
-    holes = [(file, mutant) for file, mutant in survived if (file, mutant.before, mutant.after) not in listed]
+    unlisted_survivors = [
+        (file, mutant) for file, mutant in survived if (file, mutant.before, mutant.after) not in listed
+    ]
     with (OUTPUT / "mutants.csv").open("w", newline="") as table:
         writer = csv.writer(table)
         writer.writerow(["file", "line", "kind", "before", "after", "killer", "tests"])
@@ -225,22 +230,23 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
             reason = listed.get((file, mutant.before, mutant.after), "not listed")
             table.write(f"{difference(file, mutant)}    {reason}\n\n")
     packages = sorted({package_of(file) for file, _, _ in results})
-    print(f"{'package':16}{'mutants':>9}{'killed':>9}{'listed':>9}{'holes':>9}{'score':>9}")
+    print(f"{'package':16}{'mutants':>9}{'killed':>9}{'listed':>9}{'unlisted':>10}{'score':>9}")
     below = []
     for package in (*packages, "all"):
         count, alive, unlisted = (
-            sum(package in (package_of(file), "all") for file, *_ in found) for found in (results, survived, holes)
+            sum(package in (package_of(file), "all") for file, *_ in result)
+            for result in (results, survived, unlisted_survivors)
         )
         killed = count - alive
         score = killed / (killed + unlisted) if killed + unlisted else 1.0
-        print(f"{package:16}{count:9}{killed:9}{alive - unlisted:9}{unlisted:9}{score:9.1%}")
+        print(f"{package:16}{count:9}{killed:9}{alive - unlisted:9}{unlisted:10}{score:9.1%}")
         if package != "all" and score < MIN_SCORE:
             below.append(package)
-    late = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
-    if late:
+    num_timeouts = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
+    if num_timeouts:
         print(
-            f"{late} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; if the machine"
-            " was paused, run them again"
+            f"{num_timeouts} mutants count as killed because their tests took more than {MAX_DURATION:.0f} s; run them"
+            " again if the machine was suspended during the run"
         )
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:

@@ -87,7 +87,7 @@ class Plugin:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         if self.chosen is not None:
-            order = {name: place for place, name in enumerate(self.chosen)}
+            order = {name: index for index, name in enumerate(self.chosen)}
             items[:] = sorted((item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid])
 
     @pytest.hookimpl(wrapper=True)
@@ -96,7 +96,7 @@ class Plugin:
         if self.chosen is None:
             # No machine code is cached, so every test runs the lines of its formulas and of the LLVM code generator.
             sys.modules["drake_quad.framework.formulas"]._kernels.clear()
-            sys.modules["drake_quad.framework.machine_code"]._GENERATOR = None
+            sys.modules["drake_quad.framework.machine_code"]._GENERATOR_DIGEST = None
             sys.monitoring.restart_events()
         else:
             limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + MIN_CPU_LIMIT)
@@ -231,7 +231,7 @@ def receive(receiver: Any, process: Any) -> Any:
         process.join()
     except EOFError:
         process.join()
-        how = signal.Signals(-process.exitcode).name if process.exitcode < 0 else f"status {process.exitcode}"
-        result = Outcome(f"{running.read_text()} (ended by {how})", 0)
+        cause = signal.Signals(-process.exitcode).name if process.exitcode < 0 else f"status {process.exitcode}"
+        result = Outcome(f"{running.read_text()} (ended by {cause})", 0)
     running.unlink(missing_ok=True)
     return result

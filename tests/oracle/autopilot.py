@@ -44,8 +44,8 @@ class AttitudeAutopilot:
         rates = state[9:12] + np.array(parameters.gyroscope_bias) + parameters.gyroscope_noise * noise[0:3]
         error = target[1:4] - (state[3:6] + parameters.attitude_noise * noise[3:6])
         error[2] = math.remainder(error[2], math.tau)
-        wanted = target[4:7] + np.array(parameters.k_attitude) * error
-        acceleration = np.array(parameters.k_rate) * (wanted - rates)
+        rate_command = target[4:7] + np.array(parameters.k_attitude) * error
+        acceleration = np.array(parameters.k_rate) * (rate_command - rates)
         self.held_wrench = np.concatenate(
             [target[0:1], self.inertia @ acceleration + cross(rates, self.inertia @ rates)]
         )

@@ -22,18 +22,18 @@ class LaggedResponse:
         self.line, self.a = [np.zeros_like(lags)] * ticks, np.zeros_like(lags)
         # The state is (p, v, a, u) with p'' = a and T a' = u - a, where u is held.
         self.flow = np.zeros((*lags.shape, 4, 4))
-        for place in np.ndindex(lags.shape):
+        for index in np.ndindex(lags.shape):
             slope = np.diag([1.0, 1.0, 0.0], 1)
-            slope[2, 2:] = [-1.0 / lags[place], 1.0 / lags[place]]
+            slope[2, 2:] = [-1.0 / lags[index], 1.0 / lags[index]]
             slope[3] = 0.0
-            self.flow[place] = scipy.linalg.expm(h * slope)
+            self.flow[index] = scipy.linalg.expm(h * slope)
 
-    def follow(self, *sent):
+    def follow(self, *commands):
         """Send commands, and return the changes of velocity and position until the next tick."""
-        self.line.append(np.array(sent))
+        self.line.append(np.array(commands))
         u = self.line.pop(0)
-        before = np.stack([np.zeros_like(u), np.zeros_like(u), self.a, u], axis=-1)
-        p, v, self.a, _ = np.moveaxis(np.einsum("...ij,...j", self.flow, before), -1, 0)
+        state = np.stack([np.zeros_like(u), np.zeros_like(u), self.a, u], axis=-1)
+        p, v, self.a, _ = np.moveaxis(np.einsum("...ij,...j", self.flow, state), -1, 0)
         return v.sum(axis=0), p.sum(axis=0)
 
 
@@ -136,21 +136,21 @@ class TiltEstimator:
     def __init__(self, parameters, h, start, gravity):
         self.h, self.limit, self.g = h, parameters.disturbance_limit, gravity
         self.line, self.lag = [gravity] * parameters.response.delay_ticks, parameters.response.lag
-        self.thrust, self.before, self.pushed = gravity, np.zeros(3), np.zeros(3)
+        self.thrust, self.last_acceleration, self.learned_disturbance = gravity, np.zeros(3), np.zeros(3)
         self.law = law_of(parameters, h, start)
 
     def estimate(self, measured):
-        now = self.thrust * rotation(*measured[3:6])[:, 2] - [0.0, 0.0, self.g]
-        # Integrals of the linear acceleration from `before` to `now` and of the learned disturbance.
-        slope = (now - self.before) / self.h
-        speed = self.h * (self.before + self.pushed) + self.h**2 / 2.0 * slope
-        distance = self.h**2 / 2.0 * (self.before + self.pushed) + self.h**3 / 6.0 * slope
+        acceleration = self.thrust * rotation(*measured[3:6])[:, 2] - [0.0, 0.0, self.g]
+        # Integrals of the acceleration, which changes linearly during the tick, and of the learned disturbance.
+        slope = (acceleration - self.last_acceleration) / self.h
+        speed = self.h * (self.last_acceleration + self.learned_disturbance) + self.h**2 / 2.0 * slope
+        distance = self.h**2 / 2.0 * (self.last_acceleration + self.learned_disturbance) + self.h**3 / 6.0 * slope
         self.law.predict(speed, distance)
-        self.before = now
+        self.last_acceleration = acceleration
         return np.clip(self.law.estimate(measured), -self.limit, self.limit)
 
     def remember(self, command, correction, learned, feed_forward):
-        self.pushed = learned
+        self.learned_disturbance = learned
         self.line.append(np.linalg.norm(np.add(command, [0.0, 0.0, self.g])))
         self.thrust += (1.0 - math.exp(-self.h / self.lag)) * (self.line.pop(0) - self.thrust)
 
@@ -173,8 +173,8 @@ class IncrementalAttitude:
         )
         self.law = DifferenceEstimator.incremental([parameters.bandwidth] * 3, h, slice(9, 12))
 
-    def act(self, wanted, measured):
-        corrected = wanted - np.clip(self.law.estimate(measured), -self.limit, self.limit)
+    def act(self, commanded, measured):
+        corrected = commanded - np.clip(self.law.estimate(measured), -self.limit, self.limit)
         self.law.predict(*self.model.follow(corrected))
         return corrected
 
@@ -186,18 +186,18 @@ class Integral:
         self.parameters, self.h, self.i = parameters, h, np.zeros(3)
 
     def output(self, inputs):
-        return -self.i if self.parameters.integration == "forward_euler" else -self.after(inputs)
+        return -self.i if self.parameters.integration == "forward_euler" else -self.updated(inputs)
 
     def signals(self):
         """Return the output signals by name."""
         return {}
 
-    def after(self, inputs):
+    def updated(self, inputs):
         limit = self.parameters.integral_limit
         return np.clip(self.i + self.h * np.array(self.parameters.k_i) * inputs["error"], -limit, limit)
 
     def learn(self, tick, inputs):
-        self.i = self.after(inputs)
+        self.i = self.updated(inputs)
 
 
 class Network:
@@ -215,12 +215,12 @@ class Network:
         self.axes = ["xyz".index(axis) for axis in parameters.axes]
         self.R = math.prod(len(sets.centres) for _, sets in parameters.inputs if sets is not None)
         self.F = {axis: np.full(self.R, float(learning.initial_weight)) for axis in self.axes}
-        self.memory = {axis: self._fresh() for axis in self.axes}
+        self.memory = {axis: self._initial_memory() for axis in self.axes}
         self.resets = set()
         if getattr(learning, "reset", "never") == "at_segments":
             self.resets = {next(k for k in range(10**6) if k * h > time - 1e-9) for time in leg_times[1:]}
 
-    def _fresh(self):
+    def _initial_memory(self):
         """Return the initial covariance P₀ or the initial slope α₀."""
         learning = self.parameters.learning
         if learning.kind == "covariance":
@@ -230,11 +230,11 @@ class Network:
     def firing(self, axis, inputs):
         """Return the normalised firing strengths W, eq (10)."""
         network = self.parameters
-        given = [(name, sets) for name, sets in network.inputs if sets is not None]
+        used_inputs = [(name, sets) for name, sets in network.inputs if sets is not None]
 
         def strengths(exponent):
             w = np.ones(1)
-            for name, sets in given:
+            for name, sets in used_inputs:
                 value = inputs[name][axis] if name.startswith("error") else inputs[name]
                 w = np.outer(w, self.memberships(value, sets, exponent, circular=name == "phase")).ravel()
             return w / w.sum()
@@ -275,7 +275,7 @@ class Network:
         limit = math.inf if learning.weight_limit is None else learning.weight_limit
         for axis in self.axes:
             if tick in self.resets:
-                self.memory[axis] = self._fresh()
+                self.memory[axis] = self._initial_memory()
             W = self.firing(axis, inputs)
             if learning.kind == "sign" or learning.signal == "feedback":
                 signal = inputs["pd"][axis] - inputs["disturbance"][axis]
@@ -285,7 +285,7 @@ class Network:
                 signal = 0.0
             F = self.F[axis] * math.exp(-learning.leakage * h)
             if learning.kind == "covariance":
-                F = F + self._by_covariance(axis, W, signal)
+                F = F + self._covariance_change(axis, W, signal)
             elif learning.kind == "gradient":
                 F = F - h * learning.rate * signal * W
             else:
@@ -293,7 +293,7 @@ class Network:
                 self.memory[axis] += 2.0 * h * learning.rate * abs(signal)
             self.F[axis] = np.clip(F, -limit, limit)
 
-    def _by_covariance(self, axis, W, signal):
+    def _covariance_change(self, axis, W, signal):
         """Update the covariance, and return the change of the weights.
 
         The update is the exact solution of eqs (16) and (17) for constant inputs over a tick, followed by bounded-gain
@@ -304,8 +304,8 @@ class Network:
         c = W @ g
         change = -learning.gain * signal * g * math.log1p(h * c) / c
         P = P - h * np.outer(g, g) / (1.0 + h * c)
-        full = self.R * learning.initial_covariance
-        mu = 1.0 - (1.0 - learning.forgetting) * max(0.0, 1.0 - np.trace(P) / full)
+        max_trace = self.R * learning.initial_covariance
+        mu = 1.0 - (1.0 - learning.forgetting) * max(0.0, 1.0 - np.trace(P) / max_trace)
         self.memory[axis] = P / mu
         return change
 
@@ -354,7 +354,7 @@ class Controller:
             disturbance = self.estimator.estimate(measured)
         if self.law is not None:
             lead = 0.0 if self.parameters.network is None else self.parameters.network.lead
-            now, ahead = (
+            current_inputs, future_inputs = (
                 {
                     "error": error,
                     "error_rate": rate,
@@ -366,8 +366,12 @@ class Controller:
                 }
                 for advance in (0.0, lead)
             )
-            correction, learned, signals = self.law.output(ahead), self.law.output(now), self.law.signals()
-            self.law.learn(tick, now)
+            correction, learned, signals = (
+                self.law.output(future_inputs),
+                self.law.output(current_inputs),
+                self.law.signals(),
+            )
+            self.law.learn(tick, current_inputs)
         u = pd - correction  # eq (14)
         fed_forward = (position.feed_forward != "none") * reference["acceleration"]
         u = u + fed_forward
@@ -375,7 +379,7 @@ class Controller:
             signals["disturbance"] = disturbance
             u = u - disturbance
             self.estimator.remember(u, correction, learned, fed_forward)
-        thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
+        thrust, attitude, rates, accelerations = self.thrust_vectoring(u, measured, reference)
         if self.parameters.attitude is None:
             command = {"attitude_target": np.array([thrust, *attitude, *rates])}
         else:
@@ -391,20 +395,20 @@ class Controller:
             **signals,
         }
 
-    def vectored(self, u, measured, reference):
+    def thrust_vectoring(self, u, measured, reference):
         """Return thrust, attitude, body rates and angular accelerations by eq (7), for any yaw and within limits."""
         mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.parameters.thrust_vectoring
         geometric = self.parameters.attitude is not None and self.parameters.attitude.kind == "geometric"
         yaw = reference["yaw"] if geometric else measured[5]
-        square = geometric and self.parameters.attitude.euler_sequence == "zxy"
+        is_zxy = geometric and self.parameters.attitude.euler_sequence == "zxy"
         heading = rotation(0.0, 0.0, yaw)
         forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
         # The vertical component is limited first, and then the horizontal components.
         up = min(max(up, limits.min_thrust * gravity), limits.max_thrust * gravity)
-        reach = min(up * math.tan(limits.max_tilt), math.sqrt((limits.max_thrust * gravity) ** 2 - up**2))
-        level = math.hypot(forward, left)
-        if level > reach:
-            forward, left = forward * reach / level, left * reach / level
+        max_horizontal = min(up * math.tan(limits.max_tilt), math.sqrt((limits.max_thrust * gravity) ** 2 - up**2))
+        horizontal = math.hypot(forward, left)
+        if horizontal > max_horizontal:
+            forward, left = forward * max_horizontal / horizontal, left * max_horizontal / horizontal
         thrust = math.sqrt(forward**2 + left**2 + up**2)
         pitch, roll = math.atan(forward / up), math.asin(-left / thrust)
         jerk, snap = reference["jerk"], reference["snap"]
@@ -412,11 +416,11 @@ class Controller:
         order = ("none", "acceleration", "jerk", "snap").index(self.parameters.position.feed_forward)
         jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
         attitude = np.array([roll, pitch, reference["yaw"]])
-        rates, accelerations = flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
-        if square:
-            axes = square_axes(heading @ [forward, left, up], yaw)
+        rates, accelerations = flatness(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
+        if is_zxy:
+            axes = zxy_axes(heading @ [forward, left, up], yaw)
             attitude = angles_near(axes, yaw)
-            rates, accelerations = square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
+            rates, accelerations = zxy_flatness(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
         if order < 3:
             accelerations = np.zeros(3)
         if geometric:
@@ -429,22 +433,24 @@ class Controller:
         inertia, gains = np.diag(self.nominal.inertia), self.parameters.attitude
         k_p, k_d = np.array(gains.k_p), np.array(gains.k_d)
         if gains.kind == "geometric":
-            without = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
+            torque = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
             if not gains.transport_term:
                 carried = rotation(*measured[3:6]).T @ rotation(*attitude) @ rates
-                without = without + inertia @ cross(measured[9:12], carried)
+                torque = torque + inertia @ cross(measured[9:12], carried)
             if gains.k_i is None:
-                return without
-            before = self.attitude_integral
+                return torque
+            integral_before = self.attitude_integral
             step = self.h * np.array(gains.k_i) * rotation_error(measured, attitude)
             self.attitude_integral = np.clip(self.attitude_integral + step, -gains.integral_limit, gains.integral_limit)
-            return without - inertia @ (before if gains.integration == "forward_euler" else self.attitude_integral)
+            return torque - inertia @ (
+                integral_before if gains.integration == "forward_euler" else self.attitude_integral
+            )
         error = attitude - measured[3:6]
         error[2] = math.remainder(error[2], math.tau)
-        wanted = k_p * error + k_d * (rates - measured[9:12]) + accelerations
+        angular_acceleration = k_p * error + k_d * (rates - measured[9:12]) + accelerations
         if self.incremental_attitude is not None:
-            wanted = self.incremental_attitude.act(wanted, measured)
-        return inertia @ wanted + cross(rates, inertia @ rates)
+            angular_acceleration = self.incremental_attitude.act(angular_acceleration, measured)
+        return inertia @ angular_acceleration + cross(rates, inertia @ rates)
 
 
 def rotation_error(measured, attitude):
@@ -462,7 +468,7 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
     return -J @ (k_p * e_R) - J @ (k_d * e_Omega) + cross(Omega, J @ Omega) - J @ follow
 
 
-def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+def flatness(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     """Return body rates and angular accelerations, given jerk and snap of F z_B and the yaw rate.
 
     p and q follow from ż_B = q x_B - p y_B, and their derivatives from the derivative of this equation. r and its
@@ -493,8 +499,8 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     return np.array([p, q, r]), np.array([p_dot, q_dot, from_E_dot[2] + E[2] @ angle_accelerations])
 
 
-def square_axes(force, yaw):
-    """Return the body axes as columns, with z_B along a force and y_B perpendicular to the heading."""
+def zxy_axes(force, yaw):
+    """Return the body axes as columns, with z_B along a force and y_B normal to the heading (Euler sequence zxy)."""
     z_B = force / np.linalg.norm(force)
     y_B = cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
     y_B = y_B / np.linalg.norm(y_B)
@@ -507,8 +513,8 @@ def angles_near(axes, yaw):
     return np.array([roll, pitch, yaw + math.remainder(axes_yaw - yaw, math.tau)])
 
 
-def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return body rates and angular accelerations like `flat`, but with y_B perpendicular to the heading x_C.
+def zxy_flatness(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+    """Return body rates and angular accelerations like `flat`, for the Euler sequence zxy: y_B is normal to x_C.
 
     r and its derivative follow from y_B·x_C = 0, differentiated once and twice.
     """

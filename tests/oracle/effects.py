@@ -21,7 +21,7 @@ class Forces:
     def __init__(self, vehicle, effects):
         self.vehicle, self.effects = vehicle, effects
         rotors = vehicle.rotors
-        self.places = np.array([rotor[:3] for rotor in rotors]) - np.array([*vehicle.centre_of_mass, 0.0])
+        self.rotor_positions = np.array([rotor[:3] for rotor in rotors]) - np.array([*vehicle.centre_of_mass, 0.0])
         # A rotor that turns clockwise turns the body anticlockwise.
         self.reaction = -np.array([rotor.direction for rotor in rotors])
         self.drag_factors = np.array([rotor.drag_factor for rotor in rotors])
@@ -43,7 +43,7 @@ class Forces:
             radius, ground = effects.ground_effect
             height = max(state[2] - ground, radius / 2.0)
             thrusts = thrusts / (1.0 - (radius / (4.0 * height)) ** 2)
-        pairs = [(place, thrust * Z) for place, thrust in zip(self.places, thrusts, strict=True)]
+        pairs = [(position, thrust * Z) for position, thrust in zip(self.rotor_positions, thrusts, strict=True)]
         size = np.linalg.norm(air)
         pairs.append((np.zeros(3), (vehicle.linear_drag + vehicle.quadratic_drag * size) * air))
         if effects.body_drag is not None:
@@ -53,11 +53,11 @@ class Forces:
             lift, climb, drag, inflow = effects.rotor_aerodynamics
             # Each rotor produces a quarter of the forces `lift` and `climb`, and drag in proportion to its speed. All
             # these forces act at the centre of the rotors.
-            middle = self.places.mean(axis=0)
+            rotor_centre = self.rotor_positions.mean(axis=0)
             for speed in speeds:
                 across = np.array([air[0], air[1], 0.0])
                 up = (lift * across @ across + climb * air[2]) / 4.0 + inflow * speed * air[2]
-                pairs.append((middle, drag * speed * across + up * Z))
+                pairs.append((rotor_centre, drag * speed * across + up * Z))
         torque = (self.reaction * self.drag_factors) @ speeds**2 * Z
         if effects.reaction_torque is not None:
             # A rotor that turns clockwise has clockwise momentum, and its drag turns the body anticlockwise.
@@ -83,21 +83,21 @@ def accelerations(vehicle, state, speeds, pairs, torque, parts):
     bodies = [(vehicle.mass, np.zeros(3), np.diag(vehicle.inertia)), *parts]
     gravity = -vehicle.gravity * R.T @ Z
     matrix, right = np.zeros((6, 6)), np.zeros(6)
-    for mass, place, inertia in bodies:
-        S = cross_matrix(place)
+    for mass, position, inertia in bodies:
+        S = cross_matrix(position)
         shifted_inertia = inertia - mass * S @ S
-        centripetal = mass * cross(rates, cross(rates, place))
+        centripetal = mass * cross(rates, cross(rates, position))
         matrix[:3, :3] += mass * np.eye(3)
         matrix[:3, 3:] -= mass * S
         matrix[3:, :3] += mass * S
         matrix[3:, 3:] += shifted_inertia
         right[:3] += mass * gravity - centripetal
-        right[3:] += mass * cross(place, gravity) - cross(rates, shifted_inertia @ rates)
+        right[3:] += mass * cross(position, gravity) - cross(rates, shifted_inertia @ rates)
     spin = vehicle.rotor_inertia * np.dot([rotor.direction for rotor in vehicle.rotors], speeds) * Z
     right[3:] -= cross(rates, spin)
-    for place, force in pairs:
+    for position, force in pairs:
         right[:3] += force
-        right[3:] += cross(place, force)
+        right[3:] += cross(position, force)
     right[3:] += torque
     solution = np.linalg.solve(matrix, right)
     return np.concatenate([R @ solution[:3], solution[3:]])

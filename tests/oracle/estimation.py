@@ -32,15 +32,15 @@ class DenseFilter:
 
     def predict(self, gyroscope, accelerometer, period):
         rates = gyroscope - self.b_g
-        middle = self.R @ Rotation.from_rotvec(0.5 * period * rates).as_matrix()
-        change = period * middle @ (accelerometer - self.b_a)
-        before = self.v
-        self.v = before + change - np.array([0.0, 0.0, period * self.gravity])
-        self.p = self.p + 0.5 * period * (before + self.v)
+        mid_rotation = self.R @ Rotation.from_rotvec(0.5 * period * rates).as_matrix()
+        change = period * mid_rotation @ (accelerometer - self.b_a)
+        initial_velocity = self.v
+        self.v = initial_velocity + change - np.array([0.0, 0.0, period * self.gravity])
+        self.p = self.p + 0.5 * period * (initial_velocity + self.v)
         self.R = self.R @ Rotation.from_rotvec(period * rates).as_matrix()
         self.duration += period
         self.velocity_change = self.velocity_change + change
-        self.rotations = self.rotations + period * middle
+        self.rotations = self.rotations + period * mid_rotation
 
     def propagate(self):
         F, Q = np.eye(15), np.zeros((15, 15))

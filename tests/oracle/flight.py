@@ -105,9 +105,9 @@ class Monitor:
         self.obstacles = Obstacles(scenario)
         self.errors, self.commands, self.saturated, self.crash_time = [], [], [], math.inf
 
-    def observe(self, time, state, wanted, command, shortfall):
+    def observe(self, time, state, reference, command, shortfall):
         """Return whether the vehicle still flies; record the tick unless the vehicle crashes at it."""
-        error = wanted - state[0:3]
+        error = reference - state[0:3]
         tilted = np.abs(state[3:5]).max() > self.limits.tilt
         if (
             self.obstacles.touch(state[0:3])

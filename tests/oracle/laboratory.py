@@ -71,7 +71,7 @@ class Cameras(DelayLine):
         pose = self.pose(0, state)
         self.factors = np.array([*(1.0 + fraction for fraction in parameters.velocity_error), 1.0, 1.0, 1.0])
         rates = self.factors * state[6:12] if parameters.derivative_bandwidth is None else np.zeros(6)
-        self.before = pose
+        self.previous_pose = pose
         super().__init__(np.concatenate([pose, rates]), parameters.latency_frames)
 
     def pose(self, k, state):
@@ -92,11 +92,11 @@ class Cameras(DelayLine):
         parameters, last = self.parameters, self.newest
         lost = parameters.dropout_rate > 0.0 and self.loss.uniform(k)[0] < parameters.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)
-        before = np.concatenate([self.drift, np.zeros(3)])
+        drift_before = np.concatenate([self.drift, np.zeros(3)])
         if self.drifts:
             d = math.exp(-parameters.period / parameters.drift_time)
-            fresh = np.array(parameters.velocity_drift) * math.sqrt(1.0 - d * d)
-            self.drift = d * self.drift + fresh * self.drift_noise.normal(k)
+            noise_deviations = np.array(parameters.velocity_drift) * math.sqrt(1.0 - d * d)
+            self.drift = d * self.drift + noise_deviations * self.drift_noise.normal(k)
         drift = np.concatenate([self.drift, np.zeros(3)])
         if parameters.derivative_bandwidth is None:
             self.put(last if lost else np.concatenate([pose, self.factors * state[6:12] + drift]))
@@ -106,12 +106,12 @@ class Cameras(DelayLine):
         # Velocities and rates follow from the change of the pose over two frames. If the change of the angles is small,
         # eq (2) at the middle frame converts it to body axes. Otherwise it is replaced by the rotation vector between
         # the two attitudes.
-        steps = pose - self.before
+        steps = pose - self.previous_pose
         if np.abs(steps[3:6]).max() > 0.05:
-            turn = rotation(*self.before[3:6]).T @ rotation(*pose[3:6])
+            turn = rotation(*self.previous_pose[3:6]).T @ rotation(*pose[3:6])
             steps[3:6] = Rotation.from_matrix(turn).as_rotvec()
         else:
             steps[3:6] = euler_to_body(last[3], last[4]) @ steps[3:6]
-        rates = a * (last[6:12] - before) + (1.0 - a) * self.factors * steps / (2.0 * h) + drift
-        self.before = last[0:6]
+        rates = a * (last[6:12] - drift_before) + (1.0 - a) * self.factors * steps / (2.0 * h) + drift
+        self.previous_pose = last[0:6]
         self.put(np.concatenate([pose, rates]))

@@ -29,16 +29,16 @@ def distance(solid, position):
     if solid.kind == "sphere":
         return max(0.0, np.linalg.norm(position - np.array(solid.centre)) - solid.radius)
     rotation = RollPitchYaw(np.array(solid.rotation)).ToRotationMatrix().matrix()
-    own = rotation.T @ (position - np.array(solid.centre))
+    local = rotation.T @ (position - np.array(solid.centre))
     if solid.kind == "box":
         half = 0.5 * np.array(solid.size)
-        return np.linalg.norm(own - np.clip(own, -half, half))
+        return np.linalg.norm(local - np.clip(local, -half, half))
     if solid.kind == "cylinder":
-        nearest = own.copy()
-        nearest[2] = np.clip(own[2], -0.5 * solid.height, 0.5 * solid.height)
-        nearest[0:2] *= min(1.0, solid.radius / max(np.linalg.norm(own[0:2]), 1e-300))
-        return np.linalg.norm(own - nearest)
-    return distance_to_hull(solid.scale * np.array(solid.points), own)
+        nearest = local.copy()
+        nearest[2] = np.clip(local[2], -0.5 * solid.height, 0.5 * solid.height)
+        nearest[0:2] *= min(1.0, solid.radius / max(np.linalg.norm(local[0:2]), 1e-300))
+        return np.linalg.norm(local - nearest)
+    return distance_to_hull(solid.scale * np.array(solid.points), local)
 
 
 def distance_to_hull(points, p, iterations=2000):

@@ -12,7 +12,7 @@ NOISE = 2
 _MASK = 2**64 - 1  # 64-bit words
 
 
-def mixed(word):
+def mix_bits(word):
     """Apply the mixing function of SplitMix64 to a 64-bit word."""
     word = (word ^ (word >> 30)) * 0xBF58476D1CE4E5B9 & _MASK
     word = (word ^ (word >> 27)) * 0x94D049BB133111EB & _MASK
@@ -33,11 +33,11 @@ class Stream:
     def __init__(self, seed, sample, kind, name, rows):
         sequence = np.random.SeedSequence(entropy=seed, spawn_key=(sample, kind))
         label = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
-        self.state, self.rows = mixed(int(sequence.generate_state(1, np.uint64)[0]) ^ label), rows
+        self.state, self.rows = mix_bits(int(sequence.generate_state(1, np.uint64)[0]) ^ label), rows
 
     def word(self, k):
         """Return word k of the stream, 64 bits."""
-        return mixed(self.state + (k + 1) * 0x9E3779B97F4A7C15 & _MASK)
+        return mix_bits(self.state + (k + 1) * 0x9E3779B97F4A7C15 & _MASK)
 
     def uniform(self, tick):
         """Return uniform numbers (rows,) between 0 and 1, with 52 bits."""

@@ -23,7 +23,7 @@ class Rotors:
     def __init__(self, parameters):
         layout = parameters.layout
         if layout.kind == "rotors":
-            self.places = np.array([rotor.position for rotor in layout.rotors])
+            self.positions = np.array([rotor.position for rotor in layout.rotors])
             self.reaction = np.array([1.0 if rotor.turns == "clockwise" else -1.0 for rotor in layout.rotors])
             self.b = np.array([rotor.thrust_factor or parameters.thrust_factor for rotor in layout.rotors])
             self.d = np.array([rotor.drag_factor or parameters.drag_factor for rotor in layout.rotors])
@@ -31,9 +31,9 @@ class Rotors:
         sides = PLUS if layout.kind == "plus" else CORNERS
         if layout.length is None:
             arms = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-            self.places = parameters.arm_length * arms
+            self.positions = parameters.arm_length * arms
         else:
-            self.places = 0.5 * sides * [layout.length, layout.width, 0.0]
+            self.positions = 0.5 * sides * [layout.length, layout.width, 0.0]
         self.reaction = np.array([1.0, -1.0, 1.0, -1.0]) * (1.0 if layout.rotor_1_turns == "clockwise" else -1.0)
         self.b, self.d = np.full(4, parameters.thrust_factor), np.full(4, parameters.drag_factor)
 
@@ -90,7 +90,7 @@ class Vehicle:
         self.rotors = Rotors(parameters)
         self.thrust_factor = self.rotors.b * (1.0 + np.array(parameters.thrust_factor_error))
         centre = np.array([*parameters.centre_of_mass, 0.0])
-        self.levers = self.rotors.places - centre
+        self.levers = self.rotors.positions - centre
         self.inertia = np.diag(parameters.inertia)
         self.inverse_inertia = np.linalg.inv(self.inertia)
 
@@ -131,18 +131,20 @@ class Vehicle:
         The attitude is a unit quaternion relative to the attitude at the beginning of the step.
         """
         w, v = turn[0], turn[1:]
-        turning = 0.5 * np.append(-v @ rates, w * rates + cross(v, rates))
-        accelerations = self.accelerations(self.begun @ quaternion_matrix(turn), velocity, rates, speeds, wind)
-        return np.concatenate([turning, accelerations])
+        attitude_rate = 0.5 * np.append(-v @ rates, w * rates + cross(v, rates))
+        accelerations = self.accelerations(
+            self.initial_rotation @ quaternion_matrix(turn), velocity, rates, speeds, wind
+        )
+        return np.concatenate([attitude_rate, accelerations])
 
     def begin_attitude(self, angles):
         """Begin a step at an attitude, and return the initial values of the attitude variables that are integrated."""
-        self.begun = rotation(*angles)
+        self.initial_rotation = rotation(*angles)
         return np.array([1.0, 0.0, 0.0, 0.0])
 
     def angles(self, turn, yaw):
         """Return roll, pitch and yaw, with a yaw near the previous yaw."""
-        R = self.begun @ quaternion_matrix(turn)
+        R = self.initial_rotation @ quaternion_matrix(turn)
         change = math.remainder(math.atan2(R[1, 0], R[0, 0]) - yaw, math.tau)
         return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(R[2, 0]), yaw + change])
 
@@ -174,15 +176,15 @@ class Vehicle:
 
         def slope(x, later):
             _, velocity, rates, attitude = np.split(x, [3, 6, 9])
-            turning, accelerations = np.split(self.slope(attitude, velocity, rates, rotors(later), wind), [-6])
-            return np.concatenate([velocity, accelerations, turning])
+            attitude_rate, accelerations = np.split(self.slope(attitude, velocity, rates, rotors(later), wind), [-6])
+            return np.concatenate([velocity, accelerations, attitude_rate])
 
-        begun = np.concatenate([state[0:3], state[6:12], self.begin_attitude(state[3:6])])
-        k_1 = slope(begun, 0.0)
-        k_2 = slope(begun + 0.5 * h * k_1, 0.5 * h)
-        k_3 = slope(begun + 0.5 * h * k_2, 0.5 * h)
-        k_4 = slope(begun + h * k_3, h)
-        done = begun + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+        initial = np.concatenate([state[0:3], state[6:12], self.begin_attitude(state[3:6])])
+        k_1 = slope(initial, 0.0)
+        k_2 = slope(initial + 0.5 * h * k_1, 0.5 * h)
+        k_3 = slope(initial + 0.5 * h * k_2, 0.5 * h)
+        k_4 = slope(initial + h * k_3, h)
+        done = initial + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
         return np.concatenate([done[0:3], self.angles(done[9:], state[5]), done[3:9]]), rotors(h)
 
 
@@ -218,7 +220,7 @@ def allocate(wrench, nominal, priority):
     rotors = Rotors(nominal)
     # `forward` is the matrix of eq (5), and `parts` its inverse, from thrust and torques to squared rotor speeds.
     forward = np.array(
-        [rotors.b, rotors.places[:, 1] * rotors.b, -rotors.places[:, 0] * rotors.b, rotors.reaction * rotors.d]
+        [rotors.b, rotors.positions[:, 1] * rotors.b, -rotors.positions[:, 0] * rotors.b, rotors.reaction * rotors.d]
     )
     parts = np.linalg.inv(forward)
     squares = parts @ wrench
@@ -234,30 +236,30 @@ def allocate(wrench, nominal, priority):
     rows = np.column_stack([parts[:, 0], parts[:, 1:3] @ wrench[1:3], parts[:, 3]]) * scale / (high - low)
     yaw = wrench[3] / scale[2]
     normals = np.concatenate([rows, rows, np.eye(3)[[0, 1, 1, 2, 2]]])
-    places = np.concatenate(
+    offsets = np.concatenate(
         [np.full(4, low / (high - low)), np.full(4, high / (high - low)), [thrust / weight, 0.0, 1.0, 0.0, yaw]]
     )
-    corners = _corners(normals, places)
+    corners = _corners(normals, offsets)
     squares = corners @ rows.T
-    inside = np.all((squares >= places[:4] - 1e-12) & (squares <= places[4:8] + 1e-12), axis=1)
+    inside = np.all((squares >= offsets[:4] - 1e-12) & (squares <= offsets[4:8] + 1e-12), axis=1)
     inside &= (corners[:, 1] >= 0.0) & (corners[:, 1] <= 1.0)
     inside &= (corners[:, 2] >= min(yaw, 0.0)) & (corners[:, 2] <= max(yaw, 0.0))
     missing = np.abs(corners[inside] - [thrust / weight, 1.0, yaw])
     first = [0, 1, 2] if priority == "thrust" else [1, 0, 2]
-    kept, fraction, turned = corners[inside][_least(missing[:, first])] * scale
-    given = np.array([kept, fraction * wrench[1], fraction * wrench[2], turned])
-    return np.sqrt(np.clip(parts @ given, low, high)), wrench - given
+    produced_thrust, fraction, produced_yaw = corners[inside][_lexicographic_argmin(missing[:, first])] * scale
+    produced = np.array([produced_thrust, fraction * wrench[1], fraction * wrench[2], produced_yaw])
+    return np.sqrt(np.clip(parts @ produced, low, high)), wrench - produced
 
 
-def _corners(normals, places):
-    """Return the intersection points of all triples of the planes normal · x = place."""
-    triples = np.array(list(combinations(range(len(places)), 3)))
+def _corners(normals, offsets):
+    """Return the intersection points of all triples of the planes normal · x = offset."""
+    triples = np.array(list(combinations(range(len(offsets)), 3)))
     matrices = normals[triples]
     meet = np.abs(np.linalg.det(matrices)) > 1e-12
-    return np.linalg.solve(matrices[meet], places[triples[meet]][..., None])[..., 0]
+    return np.linalg.solve(matrices[meet], offsets[triples[meet]][..., None])[..., 0]
 
 
-def _least(rows):
+def _lexicographic_argmin(rows):
     """Return the index of the lexicographically smallest row; entries within 1e-12 count as equal."""
     candidates = np.arange(len(rows))
     for column in rows.T:

@@ -24,7 +24,7 @@ class Gust:
     def __init__(self, source, h):
         self.source, self.h, self.velocity = source, h, velocity_of(source)
 
-    def sample(self, k, place):
+    def sample(self, k, position):
         time, rise = (k + 0.5) * self.h - self.source.start, self.source.rise_time
         hold = math.inf if self.source.hold_time is None else self.source.hold_time
         if time <= 0.0 or time >= 2.0 * rise + hold:
@@ -44,7 +44,7 @@ class Sine:
     def __init__(self, source, h):
         self.source, self.h, self.velocity = source, h, velocity_of(source)
 
-    def sample(self, k, place):
+    def sample(self, k, position):
         return math.sin(self.source.frequency * (k + 0.5) * self.h + self.source.phase) * self.velocity
 
 
@@ -87,7 +87,7 @@ class Dryden:
         ]
         return transition, np.linalg.cholesky(covariance)
 
-    def sample(self, k, place):
+    def sample(self, k, position):
         n = self.stream.normal(k)
         noise = np.array([[n[0], 0.0], [n[1], n[3]], [n[2], n[4]]])  # columns: f and g; rows: u, v and w
         if k == 0:
@@ -109,11 +109,11 @@ class Fans:
         self.sources, self.h, self.stream, self.eddies = sources, h, stream, None
 
     @staticmethod
-    def jet(source, place):
+    def jet(source, position):
         """Return the velocity of a jet at a position, and its half-width there."""
         direction = np.array(source.direction) / np.linalg.norm(source.direction)
         D, exit_speed = source.diameter, 4.0 * source.flow / (math.pi * source.diameter**2)
-        offset = place - np.array(source.position)
+        offset = position - np.array(source.position)
         x = offset @ direction
         if x <= 0.0:
             return np.zeros(3), 1.0  # behind the outlet
@@ -123,10 +123,10 @@ class Fans:
         flank = 0.5 ** ((max(r - core, 0.0) / half) ** 2)
         return centreline * flank * direction, half
 
-    def sample(self, k, place):
+    def sample(self, k, position):
         mean, variance, rate = np.zeros(3), 0.0, 0.0
         for source in self.sources:
-            velocity, half = self.jet(source, place)
+            velocity, half = self.jet(source, position)
             speed = np.linalg.norm(velocity)
             mean, variance = mean + velocity, variance + (source.turbulence * speed) ** 2
             rate += speed / half
@@ -150,6 +150,6 @@ class Wind:
         if fans:
             self.parts.append(Fans(fans, h, Stream(seed, sample, WIND, "fans.jet_noise", 3)))
 
-    def sample(self, k, place):
+    def sample(self, k, position):
         """Return the wind over step k, given the position of the vehicle at the beginning of the step."""
-        return sum((part.sample(k, place) for part in self.parts), start=self.steady)
+        return sum((part.sample(k, position) for part in self.parts), start=self.steady)

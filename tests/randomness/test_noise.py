@@ -50,14 +50,14 @@ def source_numbers(source, time, context=None):
 @pytest.mark.parametrize("rows", [1, 2, 5, 6])
 def test_the_numbers_of_a_tick_depend_only_on_the_tick_and_the_sample(distribution, rows):
     times = [0.01 * tick for tick in (0, 1, 2, 3, 700, 701, 5000, 4)]
-    crowd = numbers_of(range(3000), rows, distribution)
-    one = numbers_of([2999], rows, distribution)
-    few = numbers_of([2999, 12], rows, distribution)
+    many_vehicles = numbers_of(range(3000), rows, distribution)
+    one_vehicle = numbers_of([2999], rows, distribution)
+    two_vehicles = numbers_of([2999, 12], rows, distribution)
     for time in times:
-        alone = one.at(time)
-        np.testing.assert_array_equal(crowd.at(time).reshape(rows, -1)[:, 2999], alone)
-        np.testing.assert_array_equal(few.at(time).reshape(rows, -1)[:, 0], alone)
-        np.testing.assert_array_equal(numbers_of([2999], rows, distribution).at(time), alone)
+        expected = one_vehicle.at(time)
+        np.testing.assert_array_equal(many_vehicles.at(time).reshape(rows, -1)[:, 2999], expected)
+        np.testing.assert_array_equal(two_vehicles.at(time).reshape(rows, -1)[:, 0], expected)
+        np.testing.assert_array_equal(numbers_of([2999], rows, distribution).at(time), expected)
 
 
 @pytest.mark.parametrize("kind", [StreamKind.WIND, StreamKind.NOISE])
@@ -80,8 +80,8 @@ def test_a_stream_does_not_depend_on_other_streams_of_its_source():
     samples = Samples(5, [4, 1])
     together = NoiseSource(num_vehicles=2, streams=streams, parameters=samples)
     for time in (0.0, 0.01, 7.0, 50.01):
-        apart = [SourceOfOneStream(stream, samples).at(time) for stream in streams]
-        np.testing.assert_array_equal(source_numbers(together, time), np.concatenate(apart))
+        separate = [SourceOfOneStream(stream, samples).at(time) for stream in streams]
+        np.testing.assert_array_equal(source_numbers(together, time), np.concatenate(separate))
 
 
 def test_no_random_number_is_repeated():
@@ -113,12 +113,12 @@ def test_a_context_that_is_reset_to_other_samples_has_the_random_numbers_of_thes
     first, second = Samples(5, [4, 1]), Samples(6, [2, 9])
     source, other = (NoiseSource(num_vehicles=2, streams=streams, parameters=samples) for samples in (first, second))
     untouched, context = source.CreateDefaultContext(), source.CreateDefaultContext()
-    before = source_numbers(source, 0.5, untouched)
+    original_numbers = source_numbers(source, 0.5, untouched)
     source.reset(context, second)
     np.testing.assert_array_equal(source_numbers(source, 0.5, context), source_numbers(other, 0.5))
-    assert (source_numbers(source, 0.5, context) != before).all()
-    for its_context in (untouched, source.CreateDefaultContext()):
-        np.testing.assert_array_equal(source_numbers(source, 0.5, its_context), before)
+    assert (source_numbers(source, 0.5, context) != original_numbers).all()
+    for unchanged_context in (untouched, source.CreateDefaultContext()):
+        np.testing.assert_array_equal(source_numbers(source, 0.5, unchanged_context), original_numbers)
 
 
 def turbulent_builder(num_vehicles):
@@ -178,11 +178,11 @@ def test_exported_numbers_of_a_period_are_in_the_order_of_its_ticks(num_vehicles
     export_noise(builder, ports, ExportedRandomNumbers(0.06), num_vehicles)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    given = np.random.default_rng(2).normal(size=(2, 3, 5 * num_vehicles))
-    for stream, numbers in zip(ports, given, strict=True):
+    random_numbers = np.random.default_rng(2).normal(size=(2, 3, 5 * num_vehicles))
+    for stream, numbers in zip(ports, random_numbers, strict=True):
         diagram.GetInputPort(EXPORTED_PREFIX + stream.name).FixValue(context, numbers.ravel())
     for tick in range(9):
         context.SetTime(0.02 * tick)
-        for port, numbers in zip(ports.values(), given, strict=True):
+        for port, numbers in zip(ports.values(), random_numbers, strict=True):
             actual = port.Eval(port.get_system().GetMyContextFromRoot(context))
             np.testing.assert_array_equal(actual, numbers[tick % 3])

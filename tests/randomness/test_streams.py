@@ -48,7 +48,7 @@ def test_numbers_agree_with_splitmix64():
     state = np.array([1234567], dtype=np.uint64)
     states = np.concatenate([state_of_number(state, float(number)) for number in range(5)])
     assert splitmix64(states).tolist() == expected
-    # The direct computation uses 52 bits for a uniform number, and 32 bits for each normal number.
+    # The expected values use 52 bits of a word for a uniform number, and 32 bits for each of its two normal numbers.
     uniform, (first, second) = numbers_of(state, range(5), normal=False)[:, 0], normal_pairs(state, 5)[:, :, 0]
     np.testing.assert_array_equal(uniform, uniform_number(states))
     np.testing.assert_array_equal(uniform, [((w >> 12) + 0.5) / 2**52 for w in expected])
@@ -100,13 +100,13 @@ def test_uniform_numbers_have_a_uniform_distribution(states):
 
 @pytest.mark.parametrize("word", [0, 2**64 - 1])
 def test_random_bits_that_are_all_0_or_all_1_give_finite_numbers(word):
-    """Machine code computes the same number as the first number of a stream."""
+    """The test covers the NumPy formula, and machine code for which the word is the first of a stream."""
     state = np.array([inverse_splitmix64(word)], dtype=np.uint64)
     assert splitmix64(state) == word
-    before = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)
-    for number in (uniform_number(state), numbers_of(before, [0], normal=False)):
+    previous_state = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)
+    for number in (uniform_number(state), numbers_of(previous_state, [0], normal=False)):
         assert 0.0 < number < 1.0
-    for pair in (normal_pair(state), normal_pairs(before, 1)):
+    for pair in (normal_pair(state), normal_pairs(previous_state, 1)):
         assert np.isfinite(pair).all()
 
 
@@ -131,11 +131,11 @@ def test_the_numbers_of_a_sample_do_not_depend_on_its_position_in_the_fleet():
     np.testing.assert_array_equal(stream_states(3, [41, 7], StreamKind.WIND, "fans.jet_noise"), many[[41, 7]])
     mass = parameter_numbers(3, range(1000), "vehicle.mass")
     np.testing.assert_array_equal(parameter_numbers(3, [9], "vehicle.mass"), mass[9:10])
-    others = [parameter_numbers(3, range(1000), path) for path in ("vehicle.inertia[0]", "vehicle.inertia[1]")]
-    assert np.unique(np.concatenate([mass, *others])).size == 3000
+    other_fields = [parameter_numbers(3, range(1000), path) for path in ("vehicle.inertia[0]", "vehicle.inertia[1]")]
+    assert np.unique(np.concatenate([mass, *other_fields])).size == 3000
 
 
 def test_streams_of_several_seeds_equal_the_streams_of_each_seed_alone():
     together = stream_states((3, 2**40), (7, 8), StreamKind.WIND, "gust")
-    alone = [stream_states(seed, (sample,), StreamKind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
-    np.testing.assert_array_equal(together, np.concatenate(alone))
+    separate_states = [stream_states(seed, (sample,), StreamKind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
+    np.testing.assert_array_equal(together, np.concatenate(separate_states))

@@ -55,7 +55,7 @@ def test_active_constraints_are_sorted_by_time_and_name_their_segments():
         (samples[highest], "corridor", "y max"), (samples[lowest], "corridor", "y min"), (samples[fastest], "speed", "")
     ])  # fmt: skip
     assert [(binding.quantity, binding.location) for binding in actual] == [
-        (what, where) for _, what, where in expected
+        (quantity, location) for _, quantity, location in expected
     ]
     np.testing.assert_allclose([binding.time for binding in actual], [time for time, *_ in expected], atol=1e-3)
     assert [binding.segment for binding in actual] == [0, 1, 2]

@@ -12,13 +12,13 @@ from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverErr
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 
 
-def problem(points, velocity=None, **more):
+def problem(points, velocity=None, **options):
     """Return a problem with stops at all waypoints, or with a given velocity at waypoint 1."""
     derivatives = np.zeros((len(points), 3, len(points[0])))
     if velocity is not None:
         derivatives = rest_at_ends(len(points), len(points[0]))
         derivatives[1, 0] = velocity
-    return PathProblem([Box.point(point) for point in points], derivatives=derivatives, **more)
+    return PathProblem([Box.point(point) for point in points], derivatives=derivatives, **options)
 
 
 @pytest.mark.parametrize(
@@ -26,9 +26,9 @@ def problem(points, velocity=None, **more):
     [
         # From rest to rest, 1 m in 1 s requires 35/16 m/s and 84 √5 / 25 m/s².
         (PathLimits(speed=1.0, acceleration=5.0), "the speed limit of 1 m/s cannot be kept on segment 1: "
-         "at these times at least 2.19 m/s is needed; flown 2.19 times slower, it is feasible"),
+         "at these times at least 2.19 m/s is needed; the flight is feasible if all durations are multiplied by 2.19"),
         (PathLimits(speed=2.0, acceleration=2.0), "the acceleration limit of 2 m/s² cannot be kept on segment 1: "
-         "at these times at least 7.52 m/s² is needed; flown 1.94 times slower, it is feasible"),
+         "at these times at least 7.52 m/s² is needed; the flight is feasible if all durations are multiplied by 1.94"),
     ],
 )  # fmt: skip
 def test_the_most_violated_limit_and_its_segment_are_named(limits, words):
@@ -37,37 +37,40 @@ def test_the_most_violated_limit_and_its_segment_are_named(limits, words):
 
 @pytest.mark.parametrize("speed", [2.19, 3.01, 40.7, 511.0, 0.0633])
 def test_rounding_up_leaves_values_with_three_digits_unchanged(speed):
-    asked = problem([[0.0], [16.0 / 35.0 * speed]], limits=PathLimits(speed=0.5 * speed))
-    assert f"at least {speed:g} m/s is needed; flown " in explain_infeasibility(asked, np.ones(1))
+    path_problem = problem([[0.0], [16.0 / 35.0 * speed]], limits=PathLimits(speed=0.5 * speed))
+    assert f"at least {speed:g} m/s is needed; the flight is feasible " in explain_infeasibility(
+        path_problem, np.ones(1)
+    )
 
 
 def test_the_smallest_feasible_slow_down_is_found_to_three_digits():
-    asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
+    path_problem = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
     durations = np.array([3.0, 3.2])
-    said = re.search(
-        r"on segment 0: .* flown ([\d.]+) times slower, it is feasible", explain_infeasibility(asked, durations)
+    match = re.search(
+        r"on segment 0: .* the flight is feasible if all durations are multiplied by ([\d.]+)$",
+        explain_infeasibility(path_problem, durations),
     )
-    factor = float(said[1])
-    constrained_minimum_snap(asked, factor * durations)
+    factor = float(match[1])
+    constrained_minimum_snap(path_problem, factor * durations)
     with pytest.raises(InfeasibleError):
-        constrained_minimum_snap(asked, (factor - 0.011) * durations)
+        constrained_minimum_snap(path_problem, (factor - 0.011) * durations)
 
 
 def test_a_given_velocity_that_is_infeasible_for_all_durations_is_reported():
     """At 0.05 m/s², braking from 1.9 m/s needs 36 m."""
-    asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
+    path_problem = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
         r"the acceleration limit of 0.05 m/s² cannot be kept on segment \d: at these times at least [\d.]+ m/s² is "
         r"needed; no slower flight was found that satisfies the derivatives given at the waypoints",
-        explain_infeasibility(asked, np.array([1.0, 1.0])),
+        explain_infeasibility(path_problem, np.array([1.0, 1.0])),
     )
 
 
 def test_the_message_describes_the_smoothest_path_if_the_solver_fails():
-    asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
-    asked = PathProblem(asked.waypoints, limits=asked.limits)
-    said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
-    assert "at these times by the smoothest path " in said
+    path_problem = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
+    path_problem = PathProblem(path_problem.waypoints, limits=path_problem.limits)
+    message = explain_infeasibility(path_problem, np.array([1e-9, 1e-9]))
+    assert "at these times the smoothest path needs " in message
 
 
 def test_the_message_states_by_how_much_a_corridor_must_be_wider():
@@ -77,33 +80,34 @@ def test_the_message_states_by_how_much_a_corridor_must_be_wider():
     def within(wider):
         return problem(points, [-1.5], corridors=[None, Box([4.0 - wider], [8.5 + wider])])
 
-    said = re.fullmatch(
-        r"the corridor of segment 1 cannot be kept at these times with the derivatives given at the waypoints: "
-        r"it would have to be ([\d.]+) m wider",
+    match = re.fullmatch(
+        r"the path cannot stay in the corridor of segment 1 at these times with the derivatives given at the "
+        r"waypoints: the corridor would have to be ([\d.]+) m wider",
         explain_infeasibility(within(0.0), durations),
     )
-    wider = float(said[1])
+    wider = float(match[1])
     constrained_minimum_snap(within(wider), durations)
     with pytest.raises(InfeasibleError):
         constrained_minimum_snap(within(0.98 * wider), durations)
 
 
-@pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
-def test_the_message_states_by_how_much_a_path_with_given_derivatives_leaves_a_corridor(after):
+@pytest.mark.parametrize("further_points", [[], [[9.0, 1.0]]])
+def test_the_message_states_by_how_much_a_path_with_given_derivatives_leaves_a_corridor(further_points):
     """All derivatives at both ends of the first segment are given. The message does not depend on further segments."""
-    points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
+    points, durations = [[0.0, 0.0], [4.0, 0.0], *further_points], np.ones(1 + len(further_points))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0
     motion[0, 0] = 0.0, 3.0
 
     def within(wider):
-        corridors = [Box([-9.0, -0.2 - wider], [9.0, 0.2 + wider]), *(None for _ in after)]
+        corridors = [Box([-9.0, -0.2 - wider], [9.0, 0.2 + wider]), *(None for _ in further_points)]
         return PathProblem([Box.point(point) for point in points], derivatives=motion, corridors=corridors)
 
-    said = re.fullmatch(
-        r"the corridor of segment 0 cannot .* ([\d.]+) m wider", explain_infeasibility(within(0.0), durations)
+    match = re.fullmatch(
+        r"the path cannot stay in the corridor of segment 0 .* ([\d.]+) m wider",
+        explain_infeasibility(within(0.0), durations),
     )
-    wider = float(said[1])
+    wider = float(match[1])
     constrained_minimum_snap(within(wider), durations)
     with pytest.raises(InfeasibleError):
         constrained_minimum_snap(within(0.98 * wider), durations)

@@ -151,9 +151,11 @@ def test_a_path_can_be_converted_to_a_drake_trajectory():
         np.testing.assert_allclose(trajectory.value(time)[:, 0], waypoint, atol=1e-9)
     samples = np.linspace(1.0, 8.5, 101)
     for order in range(5):
-        ours = evaluate(path, samples, order)
-        theirs = np.array([trajectory.EvalDerivative(t, order)[:, 0] for t in samples]).T
-        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9 * max(1.0, np.abs(ours).max()))
+        path_values = evaluate(path, samples, order)
+        trajectory_values = np.array([trajectory.EvalDerivative(t, order)[:, 0] for t in samples]).T
+        np.testing.assert_allclose(
+            path_values, trajectory_values, rtol=0.0, atol=1e-9 * max(1.0, np.abs(path_values).max())
+        )
 
 
 @pytest.mark.parametrize(
@@ -201,9 +203,11 @@ def test_prescribing_the_same_position_twice_does_not_change_the_path():
     rng = np.random.default_rng(8)
     points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
     contact = Contact(1, 0.4, 1, 0.7)
-    once, twice = (MinimumSnap(points, durations, contacts=[contact] * count) for count in (1, 2))
-    np.testing.assert_allclose(twice.boundary, once.boundary, atol=1e-9)
-    np.testing.assert_allclose(twice.cost_gradient(), once.cost_gradient(), rtol=1e-9)
+    with_one_contact, with_two_contacts = (
+        MinimumSnap(points, durations, contacts=[contact] * count) for count in (1, 2)
+    )
+    np.testing.assert_allclose(with_two_contacts.boundary, with_one_contact.boundary, atol=1e-9)
+    np.testing.assert_allclose(with_two_contacts.cost_gradient(), with_one_contact.cost_gradient(), rtol=1e-9)
 
 
 @pytest.mark.long
@@ -219,8 +223,8 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
         derivatives[rng.integers(segments + 1)] = 0.0
     # At most one position is prescribed for each segment and axis, so the prescribed positions cannot contradict each
     # other.
-    places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
-    contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
+    contact_numbers = rng.choice(segments * 3, size=min(touched, segments), replace=False)
+    contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in contact_numbers]
     if given_motion:
         contacts = contacts[:1]
 
@@ -247,30 +251,30 @@ def test_prescribed_positions_do_not_change_a_path_without_free_derivatives():
     """A prescribed position (`Contact`) does not change the derivatives of the cost either."""
     rng = np.random.default_rng(9)
     points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
-    free, held = (
+    without_contacts, with_contacts = (
         MinimumSnap(points, durations, derivatives, contacts=contacts) for contacts in ([], [Contact(1, 0.4, 1, 0.7)])
     )
-    np.testing.assert_array_equal(held.boundary, free.boundary)
-    np.testing.assert_array_equal(held.cost_gradient(), free.cost_gradient())
-    np.testing.assert_array_equal(held.boundary_gradient(), free.boundary_gradient())
+    np.testing.assert_array_equal(with_contacts.boundary, without_contacts.boundary)
+    np.testing.assert_array_equal(with_contacts.cost_gradient(), without_contacts.cost_gradient())
+    np.testing.assert_array_equal(with_contacts.boundary_gradient(), without_contacts.boundary_gradient())
 
 
 def test_a_path_attains_prescribed_positions_at_minimum_cost():
     rng = np.random.default_rng(6)
     points, durations = rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 5)
     contacts = [Contact(0, 0.5, 0, 0.3), Contact(3, 0.3, 2, -0.4), Contact(3, 0.7, 2, 0.2)]
-    held = MinimumSnap(points, durations, contacts=contacts)
+    with_contacts = MinimumSnap(points, durations, contacts=contacts)
     for contact in contacts:
-        place = evaluate_at(held.path(), np.array([contact.segment]), np.array([contact.s]))
-        assert place[0, contact.direction] == pytest.approx(contact.position, abs=1e-12)
+        position = evaluate_at(with_contacts.path(), np.array([contact.segment]), np.array([contact.s]))
+        assert position[0, contact.direction] == pytest.approx(contact.position, abs=1e-12)
     # The expected path is the solution of the program with the prescribed positions as equality constraints.
     planned = MinimumSnapProgram(PathProblem([Box.point(point) for point in points]), durations)
     for contact in contacts:
         planned.bound_position(contact.segment, contact.s, contact.direction, contact.position, contact.position)
     solved = planned.solve()
-    assert snap_cost(solved).sum() == pytest.approx(held.cost, rel=1e-6)
-    scale = np.abs(held.path().coefficients).max()
-    np.testing.assert_allclose(solved.coefficients, held.path().coefficients, atol=1e-5 * scale)
+    assert snap_cost(solved).sum() == pytest.approx(with_contacts.cost, rel=1e-6)
+    scale = np.abs(with_contacts.path().coefficients).max()
+    np.testing.assert_allclose(solved.coefficients, with_contacts.path().coefficients, atol=1e-5 * scale)
 
 
 def test_the_cost_from_boundary_derivatives_equals_the_cost_from_polynomial_coefficients():
@@ -304,10 +308,10 @@ def test_stops_divide_the_path_into_independent_paths():
     times = np.array([0.0, 1.0, 2.5, 3.0, 4.2, 5.0])
     derivatives = rest_at_ends(6, 3)
     derivatives[2] = 0.0
-    whole = minimum_snap(waypoints, times, derivatives)
+    full_path = minimum_snap(waypoints, times, derivatives)
     parts = minimum_snap(waypoints[:3], times[:3]), minimum_snap(waypoints[2:], times[2:])
     expected = np.concatenate([part.coefficients for part in parts])
-    np.testing.assert_allclose(whole.coefficients, expected, atol=1e-11)
+    np.testing.assert_allclose(full_path.coefficients, expected, atol=1e-11)
 
 
 def test_a_derivative_must_be_given_on_all_axes_or_on_none():
@@ -345,12 +349,12 @@ def test_another_planner_finds_the_same_path_and_optimised_times_reduce_its_cost
         waypoints = rng.normal(size=(segments + 1, 3))
         durations = rng.uniform(0.5, 2.0, segments)
         times = np.concatenate([[0.0], np.cumsum(durations)])
-        theirs = other_plan(waypoints, times)
-        cost = other_cost(theirs, times)
+        other_trajectory = other_plan(waypoints, times)
+        cost = other_cost(other_trajectory, times)
         path = minimum_snap(waypoints, times)
         assert snap_cost(path).sum() == pytest.approx(cost, rel=1e-9)
         samples = np.linspace(0.0, times[-1], 50)
-        desired = other.compute_trajectory_derivatives(theirs, samples, 5)
+        desired = other.compute_trajectory_derivatives(other_trajectory, samples, 5)
         for order in range(5):
             scale = np.abs(desired[order]).max()
             np.testing.assert_allclose(evaluate(path, samples, order).T, desired[order], atol=1e-7 * scale)

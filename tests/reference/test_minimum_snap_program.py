@@ -145,15 +145,15 @@ def test_boxes_and_spheres_are_passed_at_the_point_of_minimum_cost():
     sphere = Sphere([2.0, 1.0], 0.5)
     durations = np.array([2.0, 2.0])
     path = constrained_minimum_snap(PathProblem([ends[0], sphere, ends[1]]), durations)
-    passed = evaluate(path, [2.0])[:, 0]
-    assert np.linalg.norm(passed - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
+    position = evaluate(path, [2.0])[:, 0]
+    assert np.linalg.norm(position - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
     # By symmetry, the point of minimum cost is the lowest point.
-    np.testing.assert_allclose(passed, [2.0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(position, [2.0, 0.5], atol=1e-6)
     box = Box([1.0, 0.75], [3.0, 2.0])
-    passed = evaluate(constrained_minimum_snap(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
-    np.testing.assert_allclose(passed, [2.0, 0.75], atol=1e-6)
-    around = Box([1.0, -1.0], [3.0, 2.0])
-    path = constrained_minimum_snap(PathProblem([ends[0], around, ends[1]]), durations)
+    position = evaluate(constrained_minimum_snap(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
+    np.testing.assert_allclose(position, [2.0, 0.75], atol=1e-6)
+    region = Box([1.0, -1.0], [3.0, 2.0])
+    path = constrained_minimum_snap(PathProblem([ends[0], region, ends[1]]), durations)
     direct = MinimumSnap(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([4.0])).cost
     assert snap_cost(path).sum() == pytest.approx(direct, rel=1e-6), (
         "a box that does not constrain the path must not increase the cost"
@@ -177,8 +177,8 @@ def test_a_user_defined_constraint_can_be_added(order):
 def test_variables_are_scaled_so_that_a_unit_change_costs_as_much_as_the_unconstrained_path(slack, fraction):
     """The coefficients of the program therefore have similar magnitudes for any durations."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
-    places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
-    planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
+    regions = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
+    planned = MinimumSnapProgram(PathProblem(regions), durations, slack=slack)
     costs = dict.fromkeys((variable.get_id() for variable in planned.variables.ravel() if variable is not None), 0.0)
     for binding in planned.program.quadratic_costs():
         for variable, curvature in zip(binding.variables(), np.diag(binding.evaluator().Q()), strict=True):
@@ -218,24 +218,24 @@ def test_a_box_is_passed_at_its_nearest_face():
 
 
 def test_a_path_begins_at_the_best_point_of_a_sphere():
-    places = [Sphere([0.0, 0.0], 0.5), Box.point([4.0, 3.0])]
+    regions = [Sphere([0.0, 0.0], 0.5), Box.point([4.0, 3.0])]
     np.testing.assert_allclose(
-        constrained_minimum_snap(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6
+        constrained_minimum_snap(PathProblem(regions), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6
     )
 
 
 def test_a_corridor_of_zero_height_reduces_a_sphere_to_a_circle():
     """At a height of 1 m the intersection is a circle with a radius of 0.4 m."""
     flat = Box([-1.0, -3.0, 1.0], [5.0, 3.0, 1.0])
-    places = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
-    path = constrained_minimum_snap(PathProblem(places, corridors=[flat, None]), np.array([2.0, 2.0]))
+    regions = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
+    path = constrained_minimum_snap(PathProblem(regions, corridors=[flat, None]), np.array([2.0, 2.0]))
     np.testing.assert_allclose(path.waypoints[1], [2.0, 0.6, 1.0], atol=1e-4)
-    assert np.linalg.norm(path.waypoints[1] - places[1].centre) == pytest.approx(0.5, abs=1e-7)
-    still = Box([2.0, 0.9, 1.0], [2.0, 0.9, 1.0])
-    stuck = constrained_minimum_snap(
-        PathProblem([places[1], Box.point([2.0, 0.9, 1.0])], corridors=[still]), np.array([2.0])
+    assert np.linalg.norm(path.waypoints[1] - regions[1].centre) == pytest.approx(0.5, abs=1e-7)
+    point_corridor = Box([2.0, 0.9, 1.0], [2.0, 0.9, 1.0])
+    path_without_motion = constrained_minimum_snap(
+        PathProblem([regions[1], Box.point([2.0, 0.9, 1.0])], corridors=[point_corridor]), np.array([2.0])
     )
-    np.testing.assert_array_equal(stuck.waypoints, [[2.0, 0.9, 1.0]] * 2)
+    np.testing.assert_array_equal(path_without_motion.waypoints, [[2.0, 0.9, 1.0]] * 2)
 
 
 def test_a_path_may_change_its_height_after_a_corridor_of_zero_height():
@@ -245,9 +245,9 @@ def test_a_path_may_change_its_height_after_a_corridor_of_zero_height():
         [*(waypoints.min(axis=0) - 9.0)[:2], waypoints[0, 2]], [*(waypoints.max(axis=0) + 9.0)[:2], waypoints[0, 2]]
     )
     path = constrained_minimum_snap(PathProblem(points(waypoints), corridors=[flat, None, None, None]), durations)
-    held = rest_at_ends(5, 1)
-    held[1] = 0.0
-    heights = MinimumSnap(waypoints[:, 2:], durations, held).path()
+    derivatives = rest_at_ends(5, 1)
+    derivatives[1] = 0.0
+    heights = MinimumSnap(waypoints[:, 2:], durations, derivatives).path()
     np.testing.assert_allclose(path.coefficients[:, :, 2:], heights.coefficients, atol=1e-6)
 
 
@@ -326,7 +326,7 @@ def test_an_infeasible_program_is_reported_as_infeasible():
 
 
 def test_the_solver_is_silently_called_again_with_a_larger_tolerance(monkeypatch):
-    asked, levels = [], []
+    options_by_call, levels = [], []
 
     class Refusal:
         def get_solution_result(self):
@@ -334,15 +334,15 @@ def test_the_solver_is_silently_called_again_with_a_larger_tolerance(monkeypatch
 
     class FailingOnce(ClarabelSolver):
         def Solve(self, program, guess, options):
-            asked.append(options.options[self.solver_id().name()])
+            options_by_call.append(options.options[self.solver_id().name()])
             levels.append(logging.getLogger("drake").level)
-            return Refusal() if len(asked) < 3 else super().Solve(program, guess, options)
+            return Refusal() if len(options_by_call) < 3 else super().Solve(program, guess, options)
 
     monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", FailingOnce)
     path = MinimumSnapProgram(PathProblem(points([[0.0], [1.0], [2.0]])), np.array([1.0, 1.0])).solve()
     assert snap_cost(path)[0] == pytest.approx(3150.0, rel=1e-4)
     names = ("tol_feas", "tol_gap_abs", "tol_gap_rel")
-    assert asked == [dict.fromkeys(names, tolerance) for tolerance in (1e-9, 1e-7, 1e-5)]
+    assert options_by_call == [dict.fromkeys(names, tolerance) for tolerance in (1e-9, 1e-7, 1e-5)]
     assert levels == [logging.WARNING] * 3
 
 

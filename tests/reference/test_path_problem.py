@@ -21,7 +21,7 @@ VELOCITY_ALONG_Y = np.zeros((3, 3, 3))
 VELOCITY_ALONG_Y[1, 0] = [0.0, 3.0, 0.0]
 
 
-def around(low, high):
+def square_box(low, high):
     return Box(low, high)
 
 
@@ -56,7 +56,10 @@ def test_a_problem_has_rest_at_both_ends_and_no_limits_by_default():
     assert PathLimits(acceleration=3.0).by_order == {2: 3.0}
     assert PathLimits(speed=3.0).by_order == {1: 3.0}
     limited = PathProblem(
-        WAYPOINTS, derivatives=VELOCITY_ALONG_X, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=PathLimits(4.0)
+        WAYPOINTS,
+        derivatives=VELOCITY_ALONG_X,
+        corridors=[None, square_box([0, 0, 0], [3, 3, 3])],
+        limits=PathLimits(4.0),
     )
     unlimited = limited.without_limits()
     assert unlimited.limits.by_order == {}
@@ -65,9 +68,9 @@ def test_a_problem_has_rest_at_both_ends_and_no_limits_by_default():
 
 
 def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
-    corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
-    places = [Box([-5, 0, 0], [5, 0, 0]), WAYPOINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
-    problem = PathProblem(places, corridors=corridors)
+    corridors = [square_box([-1, -1, -1], [2, 1, 1]), square_box([1, -1, -1], [3, 3, 1])]
+    regions = [Box([-5, 0, 0], [5, 0, 0]), WAYPOINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
+    problem = PathProblem(regions, corridors=corridors)
     np.testing.assert_array_equal([problem.allowed_box(0).low[0], problem.allowed_box(0).high[0]], [-1.0, 2.0])
     np.testing.assert_array_equal([problem.allowed_box(2).low[0], problem.allowed_box(2).high[0]], [1.0, 2.5])
     np.testing.assert_array_equal(problem.representatives()[[0, 2]], [[0.0, 0.0, 0.0], [1.25, 2.0, 0.0]])
@@ -75,13 +78,13 @@ def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
 
 def test_feasible_problems_are_accepted():
     """The examples are a velocity along a flat corridor, a velocity at its limit, and nested regions."""
-    flat = around([2, 0, 0], [2, 2, 0])
+    flat = square_box([2, 0, 0], [2, 2, 0])
     PathProblem(WAYPOINTS, derivatives=VELOCITY_ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
     PathProblem([WAYPOINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), WAYPOINTS[2]])
 
 
 def test_a_waypoint_may_lie_in_the_intersection_of_its_region_and_corridors():
-    corridors = [around([-1, -1, -1], [2.5, 1, 1]), around([1, -0.5, -1], [3, 3, 1])]
+    corridors = [square_box([-1, -1, -1], [2.5, 1, 1]), square_box([1, -0.5, -1], [3, 3, 1])]
     problem = PathProblem([WAYPOINTS[0], Box([1, -2, 0], [4, 2, 0]), WAYPOINTS[2]], corridors=corridors)
     np.testing.assert_array_equal(problem.allowed_box(1).low, [1.0, -0.5, 0.0])
     np.testing.assert_array_equal(problem.allowed_box(1).high, [2.5, 1.0, 0.0])
@@ -93,7 +96,7 @@ def test_a_waypoint_may_lie_in_the_intersection_of_its_region_and_corridors():
 
 def test_a_problem_has_a_closed_form_only_if_it_has_points_and_no_corridors():
     assert PathProblem(WAYPOINTS).has_closed_form_path
-    assert not PathProblem(WAYPOINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).has_closed_form_path
+    assert not PathProblem(WAYPOINTS, corridors=[None, square_box([0, 0, 0], [3, 3, 3])]).has_closed_form_path
     assert not PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5)]).has_closed_form_path
     assert not PathProblem([WAYPOINTS[0], Box([2, 0, 0], [2, 1, 0])]).has_closed_form_path
 
@@ -116,52 +119,52 @@ def test_a_problem_has_a_closed_form_only_if_it_has_points_and_no_corridors():
         ({"derivatives": np.full((3, 3, 3), np.inf)}, "must be finite on all axes or NaN on all axes"),
         ({"derivatives": PARTLY_GIVEN_VELOCITY}, "must be finite on all axes or NaN on all axes"),
         (
-            {"derivatives": VELOCITY_ALONG_X, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
+            {"derivatives": VELOCITY_ALONG_X, "corridors": [None, square_box([2, 0, 0], [2, 2, 0])]},
             "the derivatives given at waypoint 1 lead out of the corridor of segment 1",
         ),
         (
-            {"derivatives": VELOCITY_ALONG_Y, "corridors": [around([0, 0, 0], [2, 0, 0]), None]},
+            {"derivatives": VELOCITY_ALONG_Y, "corridors": [square_box([0, 0, 0], [2, 0, 0]), None]},
             "the derivatives given at waypoint 1 lead out of the corridor of segment 0",
         ),
         ({"corridors": [None]}, "1 corridors for 2 segments"),
         ({"derivatives": np.zeros((2, 3, 3))}, "must have"),
         (
-            {"corridors": [around([-1, -1, -1], [1.5, 1, 1]), None]},
+            {"corridors": [square_box([-1, -1, -1], [1.5, 1, 1]), None]},
             r"waypoint 1, \(2, 0, 0\) m, lies outside the corridor of segment 0.*0.5 m apart on x",
         ),
         (
-            {"corridors": [around([0.5, -1, -1], [3, 1, 1]), None]},
+            {"corridors": [square_box([0.5, -1, -1], [3, 1, 1]), None]},
             "waypoint 0, .* lies outside the corridor of segment 0",
         ),
         (
-            {"corridors": [around([-1, -1, -1], [2, 1, 1]), around([2.25, -1, -1], [3, 3, 1])]},
+            {"corridors": [square_box([-1, -1, -1], [2, 1, 1]), square_box([2.25, -1, -1], [3, 3, 1])]},
             "corridors of segments 0 and 1 do not overlap: they are 0.25 m apart on x",
         ),
         (
             {
                 "waypoints": [WAYPOINTS[0], Sphere([2, 0, 0], 0.2), WAYPOINTS[2]],
-                "corridors": [around([-1, -1, -1], [3, 3, 1]), around([1, 1, -1], [3, 3, 1])],
+                "corridors": [square_box([-1, -1, -1], [3, 3, 1]), square_box([1, 1, -1], [3, 3, 1])],
             },
             "waypoint 1, the sphere of 0.2 m around .* lies outside the corridor of segment 1.*0.8 m apart on y",
         ),
         (
             {
                 "waypoints": [WAYPOINTS[0], Sphere([2, 0.5, 0], 0.6), WAYPOINTS[2]],
-                "corridors": [around([-1, -1, -1], [1.6, 3, 1]), around([1.6, 0.95, -1], [3, 3, 1])],
+                "corridors": [square_box([-1, -1, -1], [1.6, 3, 1]), square_box([1.6, 0.95, -1], [3, 3, 1])],
             },
             "waypoint 1, .* has no point where the corridors of segments 0 and 1 overlap",
         ),
         (
             {
                 "waypoints": [WAYPOINTS[0], Sphere([2, 0, 0], 0.5), WAYPOINTS[2]],
-                "corridors": [None, around([2.4, 0.4, 0], [3, 3, 0])],
+                "corridors": [None, square_box([2.4, 0.4, 0], [3, 3, 0])],
             },
             r"corridor of segment 1, the box from \(2.4, 0.4, 0\) to \(3, 3, 0\) m$",
         ),
         (
             {
                 "waypoints": [Box.point([0, 0, 0, 0]), Box.point([1, 0, 0, 0]), Box.point([2, 0, 0, 0])],
-                "corridors": [around([-1, 0, 0, 1], [3, 0, 0, 2]), None],
+                "corridors": [square_box([-1, 0, 0, 1], [3, 0, 0, 2]), None],
             },
             "waypoint 0, .* they are 1 m apart on axis 3",
         ),

@@ -63,10 +63,10 @@ def assert_alike(one, other, start=0.0, atol=1e-12):
 
 
 def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
-    again = plan_route(load_mission(save_pieces(EXAMPLE_PLAN, tmp_path / "mine.csv")))
-    assert_alike(EXAMPLE_PLAN, again)
+    loaded_plan = plan_route(load_mission(save_pieces(EXAMPLE_PLAN, tmp_path / "mine.csv")))
+    assert_alike(EXAMPLE_PLAN, loaded_plan)
     # A piece ends at each knot of position or yaw. The knots at 1.1 s and 4.4 s are knots of the yaw only.
-    np.testing.assert_allclose(again.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
+    np.testing.assert_allclose(loaded_plan.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
 
 
 def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
@@ -89,29 +89,29 @@ def test_pieces_whose_yaws_differ_by_whole_turns_are_continuous(turns):
     """Other programs write yaw angles from -π to π."""
     rows = plan_to_pieces(EXAMPLE_PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
-    again = pieces_to_plan(rows)
+    converted_plan = pieces_to_plan(rows)
     first = PolynomialPath(YAW_PATH.times, YAW_PATH.coefficients + 2.0 * np.pi * turns[0] * np.eye(1, 4).T)
-    assert_alike(Plan(POSITION_PATH, first), again)
+    assert_alike(Plan(POSITION_PATH, first), converted_plan)
 
 
-@pytest.mark.parametrize("before", [3.14159, -3.14159, 0.4])
-def test_the_yaw_is_continuous_even_if_the_yaw_in_a_file_wraps(write, before):
-    after = before - np.copysign(6.28318, before) if abs(before) > 1.0 else before + 4.0 * np.pi
-    text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{before - 0.1},0.1\n1,0,0,1,{after},0.1\n"
+@pytest.mark.parametrize("end_yaw", [3.14159, -3.14159, 0.4])
+def test_the_yaw_is_continuous_even_if_the_yaw_in_a_file_wraps(write, end_yaw):
+    wrapped_yaw = end_yaw - np.copysign(6.28318, end_yaw) if abs(end_yaw) > 1.0 else end_yaw + 4.0 * np.pi
+    text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{end_yaw - 0.1},0.1\n1,0,0,1,{wrapped_yaw},0.1\n"
     plan = plan_route(load_mission(write(text)))
     times = np.linspace(0.0, 2.0, 41)
-    np.testing.assert_allclose(evaluate(plan.yaw, times)[0], before - 0.1 + 0.1 * times, atol=1e-5)
+    np.testing.assert_allclose(evaluate(plan.yaw, times)[0], end_yaw - 0.1 + 0.1 * times, atol=1e-5)
     np.testing.assert_allclose(evaluate(plan.yaw, times, 1)[0], 0.1, atol=1e-12)
 
 
 def test_a_plan_that_begins_later_hovers_until_then():
     later = Plan(POSITION_PATH._replace(times=POSITION_PATH.times + 0.5), YAW_PATH._replace(times=YAW_PATH.times + 0.5))
-    again = pieces_to_plan(plan_to_pieces(later))
-    assert again.path.times[0] == 0.0
-    assert_alike(later, again, start=0.5)
-    np.testing.assert_array_equal(evaluate(again.path, [0.2])[:, 0], [0.0, 0.0, 1.0])
-    np.testing.assert_array_equal(evaluate(again.path, [0.2], 1)[:, 0], 0.0)
-    assert evaluate(again.yaw, [0.2])[0, 0] == 0.3
+    converted_plan = pieces_to_plan(plan_to_pieces(later))
+    assert converted_plan.path.times[0] == 0.0
+    assert_alike(later, converted_plan, start=0.5)
+    np.testing.assert_array_equal(evaluate(converted_plan.path, [0.2])[:, 0], [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(evaluate(converted_plan.path, [0.2], 1)[:, 0], 0.0)
+    assert evaluate(converted_plan.yaw, [0.2])[0, 0] == 0.3
 
 
 def test_a_path_of_too_high_a_degree_cannot_be_written():
@@ -158,12 +158,12 @@ def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = {"kind": "trajectory", "knots": knots, "yaw_knots": [{"time": 0, "yaw": 0}, {"time": 4, "yaw": 1}]}
     plain, moved = (
-        plan_route(load_mission(diagrams / "figure_eight.yaml", {"route": {**route, **more}}))
-        for more in ({}, {"origin": [1.0, 2.0, 3.0], "time_scale": 1.5})
+        plan_route(load_mission(diagrams / "figure_eight.yaml", {"route": {**route, **options}}))
+        for options in ({}, {"origin": [1.0, 2.0, 3.0], "time_scale": 1.5})
     )
     assert moved.duration == 6.0
-    place = evaluate(plain.path, [2.0])[:, 0]
-    np.testing.assert_allclose(evaluate(moved.path, [3.0])[:, 0], place + np.array([1.0, 2.0, 3.0]), rtol=1e-14)
+    position = evaluate(plain.path, [2.0])[:, 0]
+    np.testing.assert_allclose(evaluate(moved.path, [3.0])[:, 0], position + np.array([1.0, 2.0, 3.0]), rtol=1e-14)
     np.testing.assert_allclose(evaluate(moved.yaw, [3.0]), evaluate(plain.yaw, [2.0]), rtol=1e-14)
 
 
@@ -177,8 +177,8 @@ def test_defaults_of_a_trajectory_are_not_written(diagrams):
 def test_a_plan_is_saved_with_pieces_if_its_knots_do_not_determine_it(write, tmp_path, diagrams):
     plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
-    again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
-    assert_alike(plan, plan_route(again))
+    loaded_scenario = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
+    assert_alike(plan, plan_route(loaded_scenario))
     save_plan(EXAMPLE_PLAN, tmp_path, name="there")
     assert_alike(EXAMPLE_PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
 
@@ -259,11 +259,11 @@ def test_errors_in_a_route_are_reported(write, route, words):
         load_mission(write(f"a:\n  route: {route}\n", "loop.yaml"))
 
 
-@pytest.mark.parametrize("before", ["# a course\n\n", "# two lines, of\n# duration\n"])
-def test_lines_before_the_header_are_ignored(write, before):
-    write(before + ROUND_TRIP_CSV, "noted.csv")
+@pytest.mark.parametrize("lines", ["# a course\n\n", "# two lines, of\n# duration\n"])
+def test_lines_before_the_header_are_ignored(write, lines):
+    write(lines + ROUND_TRIP_CSV, "noted.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: noted.csv}\n", "loop.yaml")
-    for file in (write(before + ROUND_TRIP_CSV), loop):
+    for file in (write(lines + ROUND_TRIP_CSV), loop):
         assert_alike(plan_route(load_mission(write(ROUND_TRIP_CSV, "bare.csv"))), plan_route(load_mission(file)))
 
 

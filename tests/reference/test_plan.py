@@ -31,20 +31,20 @@ def test_the_reference_diagram_outputs_the_derivatives_of_the_plan():
 def test_the_reference_hovers_before_and_after_the_plan():
     source = build_reference(EXAMPLE_PLAN)
     context = source.CreateDefaultContext()
-    for time, place in ((0.0, [0, 0, 0]), (9.0, [3, 1, 2])):
+    for time, position in ((0.0, [0, 0, 0]), (9.0, [3, 1, 2])):
         context.SetTime(time)
         reference = source.GetOutputPort("reference").Eval(context)
-        np.testing.assert_allclose(reference, [*place, *[0.0] * 6, 0.3, 0.0], atol=1e-11)
+        np.testing.assert_allclose(reference, [*position, *[0.0] * 6, 0.3, 0.0], atol=1e-11)
 
 
 def test_all_vehicles_of_a_fleet_get_the_same_reference():
-    one, fleet = build_reference(EXAMPLE_PLAN), build_reference(EXAMPLE_PLAN, num_vehicles=4)
-    assert [system.get_name() for system in one.GetSystems()] == ["trajectory", "parts"]
-    contexts = one.CreateDefaultContext(), fleet.CreateDefaultContext()
+    single_reference, fleet = build_reference(EXAMPLE_PLAN), build_reference(EXAMPLE_PLAN, num_vehicles=4)
+    assert [system.get_name() for system in single_reference.GetSystems()] == ["trajectory", "parts"]
+    contexts = single_reference.CreateDefaultContext(), fleet.CreateDefaultContext()
     for context in contexts:
         context.SetTime(1.7)
     for name in ("reference", "reference_jerk", "reference_snap"):
-        single = one.GetOutputPort(name).Eval(contexts[0])
+        single = single_reference.GetOutputPort(name).Eval(contexts[0])
         np.testing.assert_array_equal(
             fleet.GetOutputPort(name).Eval(contexts[1]).reshape(-1, 4), np.repeat(single[:, np.newaxis], 4, axis=1)
         )
@@ -79,15 +79,15 @@ def test_derivatives_of_a_plan_agree_with_its_path():
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])
 def test_the_reference_continues_until_path_and_yaw_are_at_rest(speed, yaw_rate):
     """Either path or yaw is in steady motion and brakes for seconds, while the other one is at rest."""
-    times, still = np.array([0.0, 1.0]), np.zeros(3)
-    path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], still, still] for x in (0.0, speed)]))
+    times, zero = np.array([0.0, 1.0]), np.zeros(3)
+    path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], zero, zero] for x in (0.0, speed)]))
     yaw = hermite_path(times, np.array([[[angle], [yaw_rate], [0.0]] for angle in (0.0, yaw_rate)]))
     plan = Plan(path, yaw)
     assert plan.brakes
     assert plan.rest_time > 5.0
     reference = plan.reference()
     for time in np.linspace(0.0, plan.rest_time + 3.0, 40):
-        until = [min(time, part.times[-1]) for part in (plan.extended_path, plan.extended_yaw)]
-        place = [evaluate(plan.extended_path, until[:1], order)[:, 0] for order in range(3)]
-        angle = [evaluate(plan.extended_yaw, until[1:], order)[0, 0] for order in range(2)]
-        np.testing.assert_allclose(reference.value(time)[:11, 0], [*np.ravel(place), *angle], atol=1e-9)
+        clipped_times = [min(time, part.times[-1]) for part in (plan.extended_path, plan.extended_yaw)]
+        position = [evaluate(plan.extended_path, clipped_times[:1], order)[:, 0] for order in range(3)]
+        angle = [evaluate(plan.extended_yaw, clipped_times[1:], order)[0, 0] for order in range(2)]
+        np.testing.assert_allclose(reference.value(time)[:11, 0], [*np.ravel(position), *angle], atol=1e-9)

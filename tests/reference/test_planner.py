@@ -32,8 +32,8 @@ CORRIDORS_AROUND_SQUARE = [
 NUM_ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
-def problem(points=SQUARE_WAYPOINTS, **more):
-    return PathProblem([Box.point(point) for point in points], **{"limits": LIMITS, **more})
+def problem(points=SQUARE_WAYPOINTS, **options):
+    return PathProblem([Box.point(point) for point in points], **{"limits": LIMITS, **options})
 
 
 def total(path):
@@ -59,12 +59,12 @@ def random_points(seed):
     directions /= np.linalg.norm(directions, axis=1)[:, np.newaxis]
     if kind % 2:
         for i in range(1, count):
-            chance = rng.random()
-            if chance < 0.2:
+            number = rng.random()
+            if number < 0.2:
                 directions[i] = directions[i - 1]
-            elif chance < 0.3:
+            elif number < 0.3:
                 directions[i] = -directions[i - 1]
-            elif chance < 0.4:
+            elif number < 0.4:
                 steps[i] = 0.0
     return np.vstack([np.zeros(3), np.cumsum(directions * steps[:, np.newaxis], axis=0)])
 
@@ -73,15 +73,15 @@ def random_points(seed):
 @pytest.mark.parametrize("seed", range(NUM_ROUTES))
 def test_random_routes_are_planned_within_the_limits(seed):
     points = random_points(seed)
-    asked = problem(points)
-    path = plan_path(asked, MinimumTimeTiming())
-    kept = fractions(path)
-    assert max(kept) <= 1.0 + 1e-6
-    assert max(kept) >= 0.999
+    path_problem = problem(points)
+    path = plan_path(path_problem, MinimumTimeTiming())
+    used_fractions = fractions(path)
+    assert max(used_fractions) <= 1.0 + 1e-6
+    assert max(used_fractions) >= 0.999
     distinct = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
     extent = np.abs(points).max()
     np.testing.assert_allclose(evaluate(path, path.times).T, distinct, atol=1e-9 * extent)
-    np.testing.assert_allclose(evaluate(path, passing_times(asked, path)).T, points, atol=1e-9 * extent)
+    np.testing.assert_allclose(evaluate(path, passing_times(path_problem, path)).T, points, atol=1e-9 * extent)
     every = np.arange(len(path.coefficients))
     for order in (1, 2, 3):
         before, after = (evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0))
@@ -93,22 +93,22 @@ def test_random_routes_are_planned_within_the_limits(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
-    asked = problem(np.cumsum(np.random.default_rng(seed).normal(size=(8, 3)), axis=0))
-    heuristic, shortest = (plan_path(asked, timing) for timing in (HeuristicTiming(), MinimumTimeTiming()))
+    path_problem = problem(np.cumsum(np.random.default_rng(seed).normal(size=(8, 3)), axis=0))
+    heuristic, shortest = (plan_path(path_problem, timing) for timing in (HeuristicTiming(), MinimumTimeTiming()))
     assert 0.999 <= max(fractions(heuristic)) <= 1.0 + 1e-6
     assert total(shortest) < total(heuristic)
 
 
 @pytest.mark.long
 def test_every_timing_satisfies_corridors_boxes_and_spheres():
-    places = [
+    regions = [
         Box.point(SQUARE_WAYPOINTS[0]),
         Box([1.9, -0.1, -0.1], [2.1, 0.1, 0.1]),
         Sphere([2.0, 2.0, 0.0], 0.1),
         Box.point(SQUARE_WAYPOINTS[3]),
         Box.point(SQUARE_WAYPOINTS[4]),
     ]
-    asked = PathProblem(places, corridors=CORRIDORS_AROUND_SQUARE, limits=LIMITS)
+    path_problem = PathProblem(regions, corridors=CORRIDORS_AROUND_SQUARE, limits=LIMITS)
     totals = {}
     for timing in (
         FixedTimes((0.0, 5.0, 9.0, 13.0, 18.0)),
@@ -116,11 +116,11 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
         MinimumSnapTiming(17.0),
         MinimumTimeTiming(),
     ):
-        path = plan_path(asked, timing)
+        path = plan_path(path_problem, timing)
         assert max(fractions(path)) <= 1.0 + 1e-6
-        passed = evaluate(path, path.times).T
-        for place, position in zip(places, passed, strict=True):
-            assert np.linalg.norm(place.nearest(position) - position) <= 1e-7
+        passing_points = evaluate(path, path.times).T
+        for region, position in zip(regions, passing_points, strict=True):
+            assert np.linalg.norm(region.nearest(position) - position) <= 1e-7
         for i, corridor in enumerate(CORRIDORS_AROUND_SQUARE):
             positions = evaluate(path, np.linspace(path.times[i], path.times[i + 1], 500)).T
             assert (positions >= corridor.low - 1e-6).all()
@@ -131,7 +131,7 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
     assert totals[MinimumTimeTiming] < totals[HeuristicTiming]
     touched = {
         binding.quantity
-        for binding in active_constraints(plan_path(asked, MinimumTimeTiming()), LIMITS, asked.corridors)
+        for binding in active_constraints(plan_path(path_problem, MinimumTimeTiming()), LIMITS, path_problem.corridors)
     }
     assert touched == {"acceleration", "corridor"}
 
@@ -150,15 +150,15 @@ def test_the_minimum_snap_in_a_corridor_is_near_that_of_an_independent_search():
 
 
 def test_limits_take_precedence_over_minimum_snap():
-    asked = problem()
-    shortest = plan_path(asked, MinimumTimeTiming())
+    path_problem = problem()
+    shortest = plan_path(path_problem, MinimumTimeTiming())
     free = plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total(shortest)))
-    within = plan_path(asked, MinimumSnapTiming(total(shortest)))
+    within = plan_path(path_problem, MinimumSnapTiming(total(shortest)))
     assert max(fractions(free)) > 1.001
     assert max(fractions(within)) <= 1.0 + 1e-6
     assert snap_cost(free).sum() <= snap_cost(within).sum() <= snap_cost(shortest).sum() * (1.0 + 1e-6)
-    ample = plan_path(asked, MinimumSnapTiming(30.0))
-    assert MinimumSnap(SQUARE_WAYPOINTS, ample.durations).cost == pytest.approx(snap_cost(ample).sum())
+    slow_path = plan_path(path_problem, MinimumSnapTiming(30.0))
+    assert MinimumSnap(SQUARE_WAYPOINTS, slow_path.durations).cost == pytest.approx(snap_cost(slow_path).sum())
 
 
 @pytest.mark.parametrize("timing", [HeuristicTiming(), MinimumTimeTiming()])
@@ -185,23 +185,23 @@ def test_a_path_has_the_velocity_that_is_given_at_a_waypoint():
 
 def test_repeated_waypoints_are_merged_unless_times_are_given():
     points = SQUARE_WAYPOINTS[[0, 1, 1, 1, 2]]
-    chosen = plan_path(problem(points), MinimumTimeTiming())
-    assert len(chosen.times) == 3
-    np.testing.assert_array_equal(passing_times(problem(points), chosen), chosen.times[[0, 1, 1, 1, 2]])
-    given = plan_path(problem(points), FixedTimes((0.0, 5.0, 6.0, 8.0, 13.0)))
-    stay = np.linspace(5.0, 8.0, 50)
-    np.testing.assert_allclose(evaluate(given, stay).T, np.tile(points[1], (50, 1)), atol=1e-12)
+    merged_path = plan_path(problem(points), MinimumTimeTiming())
+    assert len(merged_path.times) == 3
+    np.testing.assert_array_equal(passing_times(problem(points), merged_path), merged_path.times[[0, 1, 1, 1, 2]])
+    path_with_stay = plan_path(problem(points), FixedTimes((0.0, 5.0, 6.0, 8.0, 13.0)))
+    stay_times = np.linspace(5.0, 8.0, 50)
+    np.testing.assert_allclose(evaluate(path_with_stay, stay_times).T, np.tile(points[1], (50, 1)), atol=1e-12)
 
 
 def test_repeated_waypoints_keep_their_given_derivatives():
     derivatives = rest_at_ends(3, 3)
     derivatives[1] = 0.0
-    kept = without_repeats(problem(SQUARE_WAYPOINTS[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
-    assert np.isnan(kept.derivatives).all()
-    kept = without_repeats(
+    merged = without_repeats(problem(SQUARE_WAYPOINTS[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
+    assert np.isnan(merged.derivatives).all()
+    merged = without_repeats(
         problem(SQUARE_WAYPOINTS[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]]))
     )
-    np.testing.assert_array_equal(kept.derivatives[1], 0.0)
+    np.testing.assert_array_equal(merged.derivatives[1], 0.0)
     moving = rest_at_ends(4, 3)
     moving[1, 0], moving[2, 0] = [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]
     with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but different derivatives"):
@@ -225,21 +225,21 @@ def test_the_total_time_of_minimum_snap_timing_may_be_a_millisecond_or_a_day(tot
 
 def test_a_path_after_a_repeated_waypoint_equals_a_path_that_starts_there():
     points = SQUARE_WAYPOINTS[[0, 0, 1, 2]]
-    stayed = plan_path(problem(points), FixedTimes((0.0, 3.0, 7.0, 12.0)))
-    alone = MinimumSnap(SQUARE_WAYPOINTS[:3], np.array([4.0, 5.0])).path()
-    np.testing.assert_allclose(stayed.coefficients[1:], alone.coefficients, atol=1e-12)
+    path_with_stay = plan_path(problem(points), FixedTimes((0.0, 3.0, 7.0, 12.0)))
+    path_without_stay = MinimumSnap(SQUARE_WAYPOINTS[:3], np.array([4.0, 5.0])).path()
+    np.testing.assert_allclose(path_with_stay.coefficients[1:], path_without_stay.coefficients, atol=1e-12)
 
 
 def test_merged_waypoints_keep_their_corridors_and_derivatives():
     derivatives = np.full((5, 3, 3), np.nan)
     derivatives[1, 0], derivatives[2, 1] = [0.5, 0.0, 0.0], [0.0, 0.1, 0.0]
-    around = [Box([-size] * 3, [3.0 + size] * 3) for size in (1.0, 2.0, 3.0, 4.0)]
-    kept = without_repeats(problem(SQUARE_WAYPOINTS[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
-    assert kept.corridors == (around[0], around[2])
-    assert kept.limits == LIMITS
-    np.testing.assert_array_equal([place.centre for place in kept.waypoints], SQUARE_WAYPOINTS[:3])
-    np.testing.assert_array_equal(kept.derivatives[1, :2], [[0.5, 0.0, 0.0], [0.0, 0.1, 0.0]])
-    assert np.isnan(kept.derivatives[1, 2]).all()
+    boxes = [Box([-size] * 3, [3.0 + size] * 3) for size in (1.0, 2.0, 3.0, 4.0)]
+    merged = without_repeats(problem(SQUARE_WAYPOINTS[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=boxes))
+    assert merged.corridors == (boxes[0], boxes[2])
+    assert merged.limits == LIMITS
+    np.testing.assert_array_equal([waypoint.centre for waypoint in merged.waypoints], SQUARE_WAYPOINTS[:3])
+    np.testing.assert_array_equal(merged.derivatives[1, :2], [[0.5, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    assert np.isnan(merged.derivatives[1, 2]).all()
     same = without_repeats(problem(SQUARE_WAYPOINTS[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
     np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
 
@@ -251,7 +251,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
         plan_path(problem(), FixedTimes(tuple(times)))
     words = re.fullmatch(
         r"the acceleration limit of 0.7 m/s² cannot be kept on segment (\d): at these times at least ([\d.]+) m/s² is "
-        r"needed; flown ([\d.]+) times slower, it is feasible",
+        r"needed; the flight is feasible if all durations are multiplied by ([\d.]+)",
         str(error.value),
     )
     assert 0 <= int(words[1]) <= 3
@@ -262,9 +262,11 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     assert max(fractions(path)) <= 1.0 + 1e-6
     with pytest.raises(InputError, match="cannot be kept"):
         plan_path(problem(), FixedTimes(tuple(0.98 * slower * times)))
-    with pytest.raises(InputError, match=r"the speed limit of 1 m/s .* at least 2.19 m/s is needed; flown 2.19 times"):
+    with pytest.raises(
+        InputError, match=r"the speed limit of 1 m/s .* at least 2.19 m/s is needed; the flight .* multiplied by 2.19"
+    ):
         plan_path(problem(SQUARE_WAYPOINTS[:2], limits=PathLimits(speed=1.0)), FixedTimes((0.0, 2.0)))
-    with pytest.raises(InputError, match=r"the acceleration limit .* flown 1\.\d+ times slower"):
+    with pytest.raises(InputError, match=r"the acceleration limit .* multiplied by 1\.\d+"):
         plan_path(problem(), MinimumSnapTiming(9.0))
 
 
@@ -275,7 +277,9 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 def test_a_far_too_short_time_is_reported_with_the_violated_limit_and_a_working_remedy(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), FixedTimes(times))
-    slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
+    slower = float(
+        re.search(r"the flight is feasible if all durations are multiplied by ([\d.e+]+)", str(error.value))[1]
+    )
     path = plan_path(problem(), FixedTimes(tuple(slower * np.array(times))))
     assert max(fractions(path)) <= 1.0 + 1e-6
 
@@ -294,14 +298,14 @@ def test_a_path_that_turns_back_is_not_slower_than_a_path_with_a_stop():
 def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
-    with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
+    with pytest.raises(InputError, match=r"the path cannot stay in the corridor of segment \d .* [\d.]+ m wider"):
         plan_path(
             problem(derivatives=derivatives, corridors=CORRIDORS_AROUND_SQUARE), FixedTimes((0.0, 4.0, 8.0, 12.0, 16.0))
         )
 
 
 @pytest.mark.parametrize(
-    ("asked", "timing", "words"),
+    ("path_problem", "timing", "words"),
     [
         (problem(), FixedTimes((0.0, 1.0)), "2 times for 5 waypoints"),
         (problem(), FixedTimes((0.0, 1.0, 1.0, 2.0, 3.0)), "must be finite and increase, but 1 s is followed by 1 s"),
@@ -322,6 +326,6 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
         (problem(SQUARE_WAYPOINTS[[0, 0]]), MinimumTimeTiming(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],
 )
-def test_invalid_input_is_rejected_with_the_reason(asked, timing, words):
+def test_invalid_input_is_rejected_with_the_reason(path_problem, timing, words):
     with pytest.raises(InputError, match=words):
-        plan_path(asked, timing)
+        plan_path(path_problem, timing)

@@ -63,15 +63,15 @@ def test_the_position_is_monotonic_between_turning_points(seed, segments):
             for each, order in ((dense, 0), (cells, 1), (dense, 3))
         )
         for j in range(3):
-            places = np.sort(s[(segment == i) & (axis == j)])
-            extremes = evaluate_at(path, np.full(len(places) + 2, i), np.array([0.0, *places, 1.0]))[:, j]
+            fractions = np.sort(s[(segment == i) & (axis == j)])
+            extremes = evaluate_at(path, np.full(len(fractions) + 2, i), np.array([0.0, *fractions, 1.0]))[:, j]
             scale = np.abs(values[:, j]).max() + 1.0
             # This is the largest backward motion within a cell whose derivatives at both ends have the same sign.
-            hidden = np.abs(thirds[:, j]).max() * path.durations[i] ** 3 / NUM_CELLS**3 / 12.0
+            max_backward = np.abs(thirds[:, j]).max() * path.durations[i] ** 3 / NUM_CELLS**3 / 12.0
             for sign in (1.0, -1.0):
                 cell = min(int(dense[np.argmax(sign * values[:, j])] * NUM_CELLS), NUM_CELLS - 1)
                 turns = slopes[cell, j] * slopes[cell + 1, j] < 0.0
-                tolerance = 1e-9 * scale if turns else hidden
+                tolerance = 1e-9 * scale if turns else max_backward
                 assert (sign * extremes).max() >= (sign * values[:, j]).max() - tolerance
 
 
@@ -98,9 +98,9 @@ def test_subdividing_a_path_at_its_existing_knots_changes_nothing():
 @settings(max_examples=40, deadline=None)
 def test_the_knots_of_a_path_of_degree_7_determine_it(seed, segments):
     path = random_path(seed, segments)
-    again = hermite_path(path.times, knots(path, 4))
+    rebuilt = hermite_path(path.times, knots(path, 4))
     scale = np.abs(path.coefficients).max()
-    np.testing.assert_allclose(again.coefficients, path.coefficients, rtol=0.0, atol=1e-11 * scale)
+    np.testing.assert_allclose(rebuilt.coefficients, path.coefficients, rtol=0.0, atol=1e-11 * scale)
 
 
 def test_a_path_scaled_in_time_passes_the_same_points_later():
@@ -124,6 +124,6 @@ def test_before_and_after_its_times_a_path_has_the_value_at_its_nearer_end():
 @pytest.mark.parametrize("factor", [1.0, 1e-4])
 def test_a_path_can_be_subdivided_at_times_close_to_its_knots(factor):
     path = random_path(3).scaled_in_time(factor)
-    near = path.times[2] + 1e-6 * path.durations.min()
-    finer = subdivide(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))
-    np.testing.assert_array_equal(finer.times, np.insert(path.times, 3, near))
+    time_near_knot = path.times[2] + 1e-6 * path.durations.min()
+    finer = subdivide(path, np.array([path.times[0] - 1.0, time_near_knot, path.times[-1] + 1.0]))
+    np.testing.assert_array_equal(finer.times, np.insert(path.times, 3, time_near_knot))

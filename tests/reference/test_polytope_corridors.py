@@ -67,17 +67,17 @@ def chain(seed):
     """Return a problem whose corridors are 3 to 6 random polytopes around the legs of a random route."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 7))
-    ways = np.cumsum(rng.normal(size=(count + 1, 3)) * [2.0, 2.0, 0.7], axis=0)
+    waypoints = np.cumsum(rng.normal(size=(count + 1, 3)) * [2.0, 2.0, 0.7], axis=0)
     corridors = []
-    for a, b in itertools.pairwise(ways):
+    for a, b in itertools.pairwise(waypoints):
         normals = rng.normal(size=(int(rng.integers(6, 16)), 3))
         normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
-        reach = np.maximum(normals @ a, normals @ b)
-        around = Box(np.minimum(a, b) - 1.0, np.maximum(a, b) + 1.0)
-        corridors.append(Polytope(normals, reach + rng.uniform(0.1, 0.4, len(reach))).intersection(around))
-    places = [Box.point(ways[0])]
-    places += [a.intersection(b) for a, b in itertools.pairwise(corridors)]
-    return PathProblem([*places, Box.point(ways[-1])], corridors=corridors, limits=LIMITS)
+        support = np.maximum(normals @ a, normals @ b)
+        box = Box(np.minimum(a, b) - 1.0, np.maximum(a, b) + 1.0)
+        corridors.append(Polytope(normals, support + rng.uniform(0.1, 0.4, len(support))).intersection(box))
+    regions = [Box.point(waypoints[0])]
+    regions += [a.intersection(b) for a, b in itertools.pairwise(corridors)]
+    return PathProblem([*regions, Box.point(waypoints[-1])], corridors=corridors, limits=LIMITS)
 
 
 @pytest.mark.slow
@@ -101,9 +101,9 @@ def test_a_flat_polytope_is_rejected():
 
 
 def test_the_error_for_a_waypoint_outside_a_polytope_gives_the_distance():
-    behind = Polytope([[3, 4, 0]], [0])
+    half_space = Polytope([[3, 4, 0]], [0])
     with pytest.raises(InputError, match="waypoint 1, .* lies outside the corridor of segment 0, .* 0.6 m apart"):
-        PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])
+        PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[half_space])
 
 
 @pytest.mark.long
@@ -122,9 +122,9 @@ def test_a_path_stays_in_a_long_chain_of_polytopes(segments, timing):
         offsets = np.vstack([sides, -sides]) @ one + random.uniform(0.1, 0.3, 4)
         cells.append(Polytope(normals, [along @ other + 0.15, -along @ one + 0.15, *offsets]))
     joints = [one.intersection(other) for one, other in itertools.pairwise(cells)]
-    places = [Box.point(points[0]), *joints, Box.point(points[-1])]
+    regions = [Box.point(points[0]), *joints, Box.point(points[-1])]
     limits = PathLimits(speed=2.0, acceleration=2.0)
-    path = plan_path(PathProblem(places, corridors=cells, limits=limits), timing)
+    path = plan_path(PathProblem(regions, corridors=cells, limits=limits), timing)
     assert farthest_beyond(path, cells) < 1e-6
     assert peak_norm(path, 1) <= 2.0 + 1e-9
     assert peak_norm(path, 2) <= 2.0 + 1e-9

@@ -47,10 +47,10 @@ def test_the_plane_through_the_nearest_point_separates_it_from_the_polytope(seed
     polytope = random_polytope(rng, 12)
     position = 20.0 * rng.normal(size=3)
     nearest = polytope.nearest(position)
-    away = position - nearest
+    normal = position - nearest
     assert polytope.max_violation(nearest) == pytest.approx(0.0, abs=1e-6)
-    if np.isfinite(farthest := polytope.support(away)):
-        assert farthest == pytest.approx(float(away @ nearest), rel=1e-5)
+    if np.isfinite(farthest := polytope.support(normal)):
+        assert farthest == pytest.approx(float(normal @ nearest), rel=1e-5)
     inside = 0.2 * rng.uniform(-1.0, 1.0, 3) / np.sqrt(3.0)
     assert polytope.nearest(inside) is inside
 
@@ -70,8 +70,8 @@ def test_an_intersection_contains_the_points_that_both_regions_contain(seed):
 
 
 def test_separate_regions_have_no_intersection():
-    beside = Polytope([[-4, -3]], [-12.1])
-    assert TRIANGLE.intersection(beside) is None
+    separate = Polytope([[-4, -3]], [-12.1])
+    assert TRIANGLE.intersection(separate) is None
     assert TRIANGLE.intersection(Box([3.0, 4.0], [5.0, 5.0])) is None
     assert TRIANGLE.intersection(TRIANGLE).equals(TRIANGLE)
 
@@ -99,7 +99,7 @@ def test_the_support_of_a_polytope_is_infinite_in_unbounded_directions():
 
 
 @pytest.mark.parametrize(
-    ("normals", "offsets", "said"),
+    ("normals", "offsets", "words"),
     [
         ([[1, 0], [-1, 0]], [0, -1], "2 faces is empty"),
         ([[1, 0], [-1, 1], [0, -1]], [0, 0, -1], "3 faces is empty"),
@@ -110,6 +110,6 @@ def test_the_support_of_a_polytope_is_infinite_in_unbounded_directions():
         ([], [], "one offset for each normal"),
     ],
 )
-def test_invalid_regions_are_rejected(normals, offsets, said):
-    with pytest.raises(InputError, match=said):
+def test_invalid_regions_are_rejected(normals, offsets, words):
+    with pytest.raises(InputError, match=words):
         Polytope(normals, offsets)

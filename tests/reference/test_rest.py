@@ -45,7 +45,7 @@ def test_every_kind_of_route_is_tested_here():
     assert {route["kind"] for route in ROUTES.values()} == ROUTE_KINDS.members.keys()
 
 
-def planned(route):
+def plan_of(route):
     return plan_route(load_scenario("figure_eight", {"route": route}))
 
 
@@ -58,15 +58,15 @@ def reference_at(plan, time):
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
 def test_the_reference_is_at_rest_before_and_after_every_route(route):
-    plan = planned(route)
+    plan = plan_of(route)
     start, end = plan.path.times[[0, -1]]
-    place = plan.extended_path.waypoints[-1]
+    end_position = plan.extended_path.waypoints[-1]
     for time in (plan.rest_time + 1e-9, plan.rest_time + 0.7, 100.0):
-        reference, jerk, snap, ahead = reference_at(plan, time)
-        np.testing.assert_allclose(reference[:3], place, atol=1e-9)
+        reference, jerk, snap, reference_ahead = reference_at(plan, time)
+        np.testing.assert_allclose(reference[:3], end_position, atol=1e-9)
         np.testing.assert_array_equal(reference[3:9], 0.0)
         np.testing.assert_array_equal([reference[10], *jerk, *snap], 0.0)
-        np.testing.assert_allclose(ahead, [*place, *place], atol=1e-9)
+        np.testing.assert_allclose(reference_ahead, [*end_position, *end_position], atol=1e-9)
     if start > 0.0:
         reference, jerk, snap, _ = reference_at(plan, 0.5 * start)
         np.testing.assert_array_equal([*reference[3:9], reference[10], *jerk, *snap], 0.0)
@@ -75,7 +75,7 @@ def test_the_reference_is_at_rest_before_and_after_every_route(route):
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
 def test_the_snap_is_the_lowest_derivative_that_jumps_at_the_end_of_a_route(route):
-    plan = planned(route)
+    plan = plan_of(route)
     for time in {plan.path.times[-1], plan.rest_time}:
         before, after = reference_at(plan, time - 1e-7), reference_at(plan, time + 1e-7)
         np.testing.assert_allclose(before[0], after[0], atol=1e-5)
@@ -84,7 +84,7 @@ def test_the_snap_is_the_lowest_derivative_that_jumps_at_the_end_of_a_route(rout
 
 @pytest.mark.parametrize("name", ["Lissajous", "end in motion", "knots in steady flight"])
 def test_braking_stays_within_the_speed_and_acceleration_of_the_route(name):
-    plan = planned(ROUTES[name])
+    plan = plan_of(ROUTES[name])
     assert plan.brakes
     assert peak_norm(plan.extended_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
     assert peak_norm(plan.extended_path, 2) <= max(peak_norm(plan.path, 2), 0.7) * (1.0 + 1e-6)
@@ -104,20 +104,20 @@ def test_braking_from_steady_motion_is_the_minimum_snap_motion():
 
 
 def test_there_is_no_braking_after_a_path_that_ends_at_rest():
-    assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # a yaw acceleration at the end does not require braking
-    assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
-    assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
+    assert not plan_of(ROUTES["figure eight"]).brakes
+    assert not plan_of(ROUTES["circle"]).brakes  # a yaw acceleration at the end does not require braking
+    assert moves_at_end(plan_of(ROUTES["Lissajous"]).path, 4)
+    assert not moves_at_end(plan_of(ROUTES["Lissajous"]).yaw, 2)
 
 
 def test_a_plan_that_ends_in_motion_brakes_identically_after_saving_and_loading():
-    plan = planned(ROUTES["turning pieces"])
+    plan = plan_of(ROUTES["turning pieces"])
     rows = np.array([[3.0, *plan.path.coefficients[0].T.flatten()]])
     assert rows.shape == (1, 25)
-    again = pieces_to_plan(
+    loaded_plan = pieces_to_plan(
         np.array([[3.0, *[0, 0, 0.1, 0, 0, 0, 0, 0], *[0] * 8, *[1, *[0] * 7], *[0.1, 0.5, *[0] * 6]]])
     )
-    np.testing.assert_allclose(again.extended_path.coefficients, plan.extended_path.coefficients, atol=1e-12)
+    np.testing.assert_allclose(loaded_plan.extended_path.coefficients, plan.extended_path.coefficients, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -133,9 +133,9 @@ def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
 def test_a_flight_brakes_and_prints_a_remark_if_it_continues_after_a_route_that_ends_in_motion():
     route = {**ROUTES["Lissajous"], "laps": 1}
     flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
-    rests = flight.time > flight.plan.rest_time
+    is_at_rest = flight.time > flight.plan.rest_time
     reference: Reference = flight.record("reference")
-    assert np.ptp(reference.x[rests]) == 0.0
+    assert np.ptp(reference.x[is_at_rest]) == 0.0
     assert flight.euclidean_error[-1] < 1e-3
     (remark,) = flight.remarks
     assert "ends in motion" in remark
@@ -143,8 +143,8 @@ def test_a_flight_brakes_and_prints_a_remark_if_it_continues_after_a_route_that_
     end = flight.plan.path.times[-1:]
     speed = np.linalg.norm(evaluate(flight.plan.path, end, 1))
     assert f"ends in motion ({speed:.2f} m/s) at {end.item():.2f} s," in remark
-    further = np.linalg.norm(evaluate(flight.plan.extended_path, [99.0]) - evaluate(flight.plan.path, end))
-    assert remark.endswith(f", {further:.2f} m beyond the end of the route")
+    braking_distance = np.linalg.norm(evaluate(flight.plan.extended_path, [99.0]) - evaluate(flight.plan.path, end))
+    assert remark.endswith(f", {braking_distance:.2f} m beyond the end of the route")
     assert flight_remarks(load_scenario("figure_eight", {"route": route})) == ()
 
 
@@ -171,7 +171,7 @@ def test_braking_that_the_rotors_cannot_fly_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     plan = plan_route(scenario)
     assert flight_duration(scenario, plan) == pytest.approx(8.0)
-    with pytest.raises(InputError, match="ends in motion at 8.00 s, and the braking after it cannot be flown"):
+    with pytest.raises(InputError, match="ends in motion at 8.00 s, and the vehicle cannot brake after it"):
         flight_duration(load_scenario("figure_eight", {**overrides, "duration": 10.0}), plan)
 
 
@@ -185,7 +185,7 @@ def test_braking_into_an_obstacle_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(4.0)
     longer = load_scenario("figure_eight", {**overrides, "duration": 10.0})
-    with pytest.raises(InputError, match=r"the braking after it cannot be flown \(the route is .* from wall"):
+    with pytest.raises(InputError, match=r"the vehicle cannot brake after it \(the route is .* from wall"):
         flight_duration(longer, plan_route(longer))
 
 
@@ -204,7 +204,7 @@ def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
     part, field = name.split(".")
     overrides[part] = {**overrides[part], field: room}
     scenario = load_scenario("figure_eight", overrides)
-    words = f"ends in motion at .* cannot be flown \\(it leaves {name} by {beyond:.2f} m\\)"
+    words = f"ends in motion at .* cannot brake after it \\(the braking path leaves {name} by {beyond:.2f} m\\)"
     with pytest.raises(InputError, match=words):
         flight_duration(scenario, plan_route(scenario))
 
@@ -216,7 +216,7 @@ def test_braking_below_the_crash_height_is_rejected():
     scenario = load_scenario("figure_eight", overrides)
     plan = plan_route(scenario)
     lowest = plan.extended_path.waypoints[-1, 2]
-    with pytest.raises(InputError, match=f"it descends to {lowest:.2f} m, below crash.height, 0 m"):
+    with pytest.raises(InputError, match=f"the braking path descends to {lowest:.2f} m, below crash.height, 0 m"):
         flight_duration(scenario, plan)
 
 

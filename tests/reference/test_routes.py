@@ -38,11 +38,11 @@ def test_the_figure_eight_agrees_with_the_paper(diagrams):
 def test_the_circles_of_the_figure_eight_are_flown_in_opposite_directions(diagrams):
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     starts = [plan.path.times[leg.first] for leg in plan.legs]
-    for leg, sense in ((2, 1.0), (5, -1.0), (6, -1.0)):
+    for leg, direction in ((2, 1.0), (5, -1.0), (6, -1.0)):
         times = np.linspace(starts[leg], starts[leg + 1], 50)
         (v_x, v_y, _), (a_x, a_y, _) = evaluate(plan.path, times, 1), evaluate(plan.path, times, 2)
-        turning = v_x * a_y - v_y * a_x
-        assert np.mean(np.sign(turning)) == sense
+        turn_direction = v_x * a_y - v_y * a_x
+        assert np.mean(np.sign(turn_direction)) == direction
 
 
 def test_the_straight_parts_of_the_figure_eight_are_tangents_to_its_circles():
@@ -81,7 +81,7 @@ def test_by_default_the_figure_eight_has_the_extent_in_the_paper():
 
 def test_each_leg_of_the_figure_eight_begins_at_the_place_in_its_name():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
-    begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
+    start_points = {leg.name: route.waypoints[leg.first] for leg in route.legs}
     x, y = np.sqrt(0.75), 1.5  # point at which a tangent from the start touches a circle
     expected = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
@@ -89,8 +89,8 @@ def test_each_leg_of_the_figure_eight_begins_at_the_place_in_its_name():
         "descent": [0.0, 0.0, 3.0], "turn": [x, -y, 1.0],
         "curve": [0.0, -3.0, 1.0], "return": [-x, -y, 1.0],
     }  # fmt: skip
-    assert list(begins) == list(expected)
-    np.testing.assert_allclose(list(begins.values()), list(expected.values()), atol=1e-12)
+    assert list(start_points) == list(expected)
+    np.testing.assert_allclose(list(start_points.values()), list(expected.values()), atol=1e-12)
     np.testing.assert_array_equal(route.waypoints[-1], [0.0, 0.0, 1.0])
 
 

@@ -27,11 +27,11 @@ REVERSING_ROUTE = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
 UNEVEN_ROUTE = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
 
 
-def problem(points, velocity=None, **more):
+def problem(points, velocity=None, **options):
     derivatives = rest_at_ends(len(points), len(points[0]))
     if velocity is not None:
         derivatives[1, 0] = velocity
-    return PathProblem([Box.point(point) for point in points], derivatives=derivatives, **{"limits": LIMITS, **more})
+    return PathProblem([Box.point(point) for point in points], derivatives=derivatives, **{"limits": LIMITS, **options})
 
 
 def stretched(points, durations, limits=LIMITS):
@@ -39,34 +39,37 @@ def stretched(points, durations, limits=LIMITS):
     return durations * stretch_factor(MinimumSnap(points, durations).path(), limits)
 
 
-@pytest.mark.parametrize(("points", "stops"), [(STRAIGHT_ROUTE, False), (REVERSING_ROUTE, True)])
-def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_stops(points, stops):
-    ride = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
-    stopping = stretched(points, rest_to_rest_durations(points, LIMITS))
-    assert (stopping.sum() < ride.sum()) == stops
+@pytest.mark.parametrize(("points", "has_stops"), [(STRAIGHT_ROUTE, False), (REVERSING_ROUTE, True)])
+def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_stops(points, has_stops):
+    without_stops = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
+    with_stops = stretched(points, rest_to_rest_durations(points, LIMITS))
+    assert (with_stops.sum() < without_stops.sum()) == has_stops
     actual = heuristic_path(problem(points))
-    np.testing.assert_allclose(actual.durations, stopping if stops else ride, rtol=1e-12)
+    np.testing.assert_allclose(actual.durations, with_stops if has_stops else without_stops, rtol=1e-12)
 
 
 def test_heuristic_times_use_the_points_at_which_the_path_passes_the_regions():
     """The path passes a box at its edge. The second time allocation uses the point where the first path passes it."""
-    places = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
-    asked = PathProblem(places, limits=LIMITS)
-    actual = heuristic_path(asked)
+    regions = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
+    path_problem = PathProblem(regions, limits=LIMITS)
+    actual = heuristic_path(path_problem)
 
-    def by_rule(points):
-        ride = np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0))
+    def paths_of_both_profiles(points):
+        trapezoid_durations = np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0))
         return [
-            constrained_minimum_snap(asked.without_limits(), times)
-            for times in (ride, rest_to_rest_durations(points, LIMITS))
+            constrained_minimum_snap(path_problem.without_limits(), times)
+            for times in (trapezoid_durations, rest_to_rest_durations(points, LIMITS))
         ]
 
-    again = [by_rule(path.waypoints)[i] for i, path in enumerate(by_rule(asked.representatives()))]
-    totals = [path.duration * stretch_factor(path, LIMITS) for path in again]
-    best = again[int(np.argmin(totals))]
+    second_paths = [
+        paths_of_both_profiles(path.waypoints)[i]
+        for i, path in enumerate(paths_of_both_profiles(path_problem.representatives()))
+    ]
+    totals = [path.duration * stretch_factor(path, LIMITS) for path in second_paths]
+    best = second_paths[int(np.argmin(totals))]
     assert actual.duration == pytest.approx(min(totals), rel=1e-6)
     np.testing.assert_allclose(actual.durations / actual.duration, best.durations / best.duration, rtol=1e-6)
-    assert abs(by_rule(asked.representatives())[0].waypoints[1, 1] - 4.0) > 1.0
+    assert abs(paths_of_both_profiles(path_problem.representatives())[0].waypoints[1, 1] - 4.0) > 1.0
 
 
 @pytest.mark.parametrize(("corridor", "fraction"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
@@ -140,24 +143,28 @@ def test_a_path_with_a_given_velocity_uses_the_first_feasible_total_time():
         (4, -0.8, 1.6),
         (1, -1, 2.5),
     ):
-        asked = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
-        stops = rest_to_rest_durations(asked.representatives(), LIMITS)
-        actual = path_with_fixed_derivatives(asked, shorten=False)
-        assert actual.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
-        smoothest = minimum_snap_durations(asked.representatives(), factor * stops, asked.derivatives)
+        path_problem = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
+        stop_durations = rest_to_rest_durations(path_problem.representatives(), LIMITS)
+        actual = path_with_fixed_derivatives(path_problem, shorten=False)
+        assert actual.duration == pytest.approx(factor * stop_durations.sum(), rel=1e-9)
+        smoothest = minimum_snap_durations(
+            path_problem.representatives(), factor * stop_durations, path_problem.derivatives
+        )
         np.testing.assert_allclose(actual.durations, smoothest, rtol=1e-9)
 
 
 @pytest.mark.slow
 def test_a_grid_search_finds_no_better_times_for_a_given_velocity():
-    asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
-    actual = path_with_fixed_derivatives(asked, shorten=True)
-    assert actual.duration < 0.97 * path_with_fixed_derivatives(asked, shorten=False).duration
+    path_problem = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
+    actual = path_with_fixed_derivatives(path_problem, shorten=True)
+    assert actual.duration < 0.97 * path_with_fixed_derivatives(path_problem, shorten=False).duration
     assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
     totals = []
     for first in np.linspace(3.5, 4.5, 16):
         for second in np.linspace(3.5, 4.5, 16):
-            path = MinimumSnap(asked.representatives(), np.array([first, second]), asked.derivatives).path()
+            path = MinimumSnap(
+                path_problem.representatives(), np.array([first, second]), path_problem.derivatives
+            ).path()
             if stretch_factor(path, LIMITS) <= 1.0:
                 totals.append(first + second)
     assert actual.duration <= 1.01 * min(totals)
@@ -165,26 +172,26 @@ def test_a_grid_search_finds_no_better_times_for_a_given_velocity():
 
 def test_a_given_velocity_that_is_infeasible_for_all_durations_is_reported():
     """A metre is too short to brake from 1.9 m/s at 1 m/s²."""
-    asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
+    path_problem = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
         InputError,
         match=r"^no times were found; for a flight that stops at every waypoint, the acceleration limit of 1 m/s² "
-        r"cannot be kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is"
-        r" feasible$",
+        r"cannot be kept on segment \d: at these times at least 2.15 m/s² is needed; the flight is "
+        r"feasible if all durations are multiplied by 2.75$",
     ):
-        path_with_fixed_derivatives(asked, shorten=False)
+        path_with_fixed_derivatives(path_problem, shorten=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
 def test_minimum_snap_times_move_towards_the_fastest_times_until_limits_are_satisfied(longer):
-    asked = problem(STRAIGHT_ROUTE)
-    shortest = minimum_time_path(asked)
+    path_problem = problem(STRAIGHT_ROUTE)
+    shortest = minimum_time_path(path_problem)
     total = longer * shortest.duration
-    smoothest = minimum_snap_path(asked.without_limits(), total).durations
+    smoothest = minimum_snap_path(path_problem.without_limits(), total).durations
     with pytest.raises(InfeasibleError):
-        constrained_minimum_snap(asked, smoothest)
-    actual = minimum_snap_path(asked, total)
+        constrained_minimum_snap(path_problem, smoothest)
+    actual = minimum_snap_path(path_problem, total)
     assert actual.duration == pytest.approx(total, rel=1e-12)
 
     def between(fraction):
@@ -195,9 +202,9 @@ def test_minimum_snap_times_move_towards_the_fastest_times_until_limits_are_sati
     distances = [np.abs(actual.durations - between(fraction)).max() for fraction in fractions]
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
-    constrained_minimum_snap(asked, between(fractions[nearest]))
+    constrained_minimum_snap(path_problem, between(fractions[nearest]))
     with pytest.raises(PLANNING_ERRORS):
-        constrained_minimum_snap(asked, between(fractions[nearest - 1]))
+        constrained_minimum_snap(path_problem, between(fractions[nearest - 1]))
 
 
 def test_minimum_snap_times_need_no_limits_and_do_not_depend_on_units():
@@ -216,20 +223,22 @@ def test_the_reason_for_a_missing_minimum_snap_path_is_reported():
     assert str(error.value) == explain_infeasibility(problem(points, [1.5, 0.0]), smoothest.durations)
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
     with pytest.raises(
-        InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
+        InputError,
+        match=r"^the path cannot stay in the corridor of segment \d at these times with the derivatives given",
     ):
         minimum_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
 
 
 def test_a_total_time_too_long_for_a_given_velocity_in_corridors_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
-    halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
-    asked = problem(points, [1.5, 0.0], corridors=halls)
-    minimum_snap_path(asked.without_limits(), 8.0)
+    corridors = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
+    path_problem = problem(points, [1.5, 0.0], corridors=corridors)
+    minimum_snap_path(path_problem.without_limits(), 8.0)
     with pytest.raises(
-        InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
+        InputError,
+        match=r"^the path cannot stay in the corridor of segment \d at these times with the derivatives given",
     ):
-        minimum_snap_path(asked, 60.0)
+        minimum_snap_path(path_problem, 60.0)
 
 
 def test_a_velocity_that_leads_out_of_a_corridor_is_reported_by_the_time_search():
@@ -237,21 +246,21 @@ def test_a_velocity_that_leads_out_of_a_corridor_is_reported_by_the_time_search(
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     for shorten in (False, True):
         with pytest.raises(
-            InputError, match="^no times were found; for a flight that stops at every waypoint, the corridor of segment"
+            InputError, match="^no times were found; for a flight that stops at every waypoint, the path cannot stay"
         ):
             path_with_fixed_derivatives(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 
 def test_the_search_repeats_changes_that_lower_the_cost_and_reduces_changes_that_raise_the_cost():
     """In this example, each change decreases a number that starts at 1, and the cost is smallest at 0.5."""
-    reaches = []
+    log_changes = []
 
     def change(x, max_log_change):
-        reaches.append(max_log_change)
+        log_changes.append(max_log_change)
         return x - max_log_change
 
     assert improve_repeatedly(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
-    np.testing.assert_allclose(reaches, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
+    np.testing.assert_allclose(log_changes, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
 
 
 def test_the_search_ends_if_the_gain_is_negligible_or_there_is_no_path():

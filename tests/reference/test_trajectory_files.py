@@ -13,20 +13,20 @@ EXAMPLE_PATH = minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.01])
 EXAMPLE_PLAN = Plan(EXAMPLE_PATH, hermite_path(np.array([0.5, 3.01]), np.array([[[0.3], [0.0]], [[0.8], [0.2]]])))
 
 
-def saved(plan, folder, **options):
+def save_example(plan, folder, **options):
     return save_plan(plan, folder, name="there", **options)[0]
 
 
 @pytest.mark.parametrize(("options", "period"), [({}, 0.02), ({"period": 0.1}, 0.1)])
 def test_a_plan_is_sampled_periodically_and_at_its_end(tmp_path, options, period):
-    times = read_table(saved(EXAMPLE_PLAN, tmp_path, **options))["time (s)"]
+    times = read_table(save_example(EXAMPLE_PLAN, tmp_path, **options))["time (s)"]
     np.testing.assert_allclose(times[:-1], 0.5 + period * np.arange(len(times) - 1), rtol=1e-9)
     assert times[-1] == 3.01
     assert 0.0 < times[-1] - times[-2] <= period
 
 
 def test_the_saved_table_contains_position_derivatives_and_yaw_to_nine_digits(tmp_path):
-    file = saved(EXAMPLE_PLAN, tmp_path)
+    file = save_example(EXAMPLE_PLAN, tmp_path)
     table = read_table(file)
     times = table["time (s)"]
     columns = [*(row for order in range(5) for row in evaluate(EXAMPLE_PLAN.path, times, order))]
@@ -51,6 +51,6 @@ def test_both_files_of_a_saved_plan_end_with_a_line_break(tmp_path):
 
 @pytest.mark.slow
 def test_a_plan_of_an_hour_is_sampled_less_often(tmp_path):
-    times = read_table(saved(Plan.hover([0.0, 0.0, 1.0], duration=3600.0), tmp_path))["time (s)"]
+    times = read_table(save_example(Plan.hover([0.0, 0.0, 1.0], duration=3600.0), tmp_path))["time (s)"]
     assert len(times) == 20_001
     np.testing.assert_allclose(np.diff(times), 0.18, rtol=1e-5)

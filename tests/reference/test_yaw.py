@@ -45,9 +45,9 @@ def test_the_profile_takes_the_shorter_rotation_with_minimum_acceleration(yaws, 
     rng = np.random.default_rng(seed)
     times = np.cumsum(rng.uniform(0.5, 2.0, len(yaws)))
     profile = yaw_through(times, yaws)
-    passed = evaluate(profile, times)[0]
-    np.testing.assert_allclose(np.cos(passed - yaws), 1.0, atol=1e-12)
-    assert np.abs(np.diff(passed)).max() <= math.pi + 1e-9
+    actual = evaluate(profile, times)[0]
+    np.testing.assert_allclose(np.cos(actual - yaws), 1.0, atol=1e-12)
+    assert np.abs(np.diff(actual)).max() <= math.pi + 1e-9
     np.testing.assert_allclose(rates_at_ends(profile), 0.0, atol=1e-12)
     finer = np.sort(np.concatenate([times, 0.5 * (times[1:] + times[:-1])]))
     detour = evaluate(profile, finer)[0]
@@ -106,17 +106,17 @@ def test_the_yaw_along_a_path_minimises_its_cost(middle, half):
     yaw, acceleration = evaluate(profile, times)[0], evaluate(profile, times, 2)[0]
     v_x, v_y, _ = evaluate(path, times, 1)
     top = np.hypot(*evaluate(path, np.linspace(0.0, 10.0, 20001), 1)[:2]).max()
-    away = np.angle(np.exp(1j * (yaw - np.arctan2(v_y, v_x))))
+    yaw_error = np.angle(np.exp(1j * (yaw - np.arctan2(v_y, v_x))))
     x = (times - middle) / half
     detour = (1.0 - x**2) ** 3
     bend = 6.0 * (1.0 - x**2) * (5.0 * x**2 - 1.0) / half**2
-    costs = np.array([acceleration * bend, away * (np.hypot(v_x, v_y) / top) ** 2 / response**4 * detour])
+    costs = np.array([acceleration * bend, yaw_error * (np.hypot(v_x, v_y) / top) ** 2 / response**4 * detour])
     assert abs(costs.sum()) < 5e-3 * np.abs(costs).sum()
 
 
 def test_the_yaw_is_smooth_at_a_stop_where_the_path_turns_back():
-    there = minimum_snap([[0.0, 0.0, 1.0], [3.0, 0.2, 1.0], [0.0, 0.0, 1.0]], [0.0, 5.0, 10.0])
-    profile = yaw_along_path(there)
+    path = minimum_snap([[0.0, 0.0, 1.0], [3.0, 0.2, 1.0], [0.0, 0.0, 1.0]], [0.0, 5.0, 10.0])
+    profile = yaw_along_path(path)
     times = np.linspace(0.0, 10.0, 2001)
     yaw, rate = evaluate(profile, times)[0], evaluate(profile, times, 1)[0]
     assert abs(yaw[-1] - yaw[0]) == pytest.approx(math.pi, abs=0.3)
@@ -148,7 +148,7 @@ def test_scaling_a_path_does_not_change_the_yaw_along_it(scale):
 
 
 def test_the_yaw_hardly_follows_a_horizontal_motion_that_is_slow_compared_with_a_climb():
-    """The weight is full if the horizontal speed is a tenth of the top speed, and a quarter if it is half as large."""
+    """The direction has weight 1 if the horizontal speed is a tenth of the top speed, and 1/4 at half that speed."""
     costs = {}
     for fraction in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * fraction, 0.0, 5.0], [10.0 * fraction, 10.0 * fraction, 10.0]]

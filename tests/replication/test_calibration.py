@@ -30,16 +30,16 @@ def test_a_fit_finds_the_shipped_values(monkeypatch):
     table = {cell: line for cell, line in published_table().items() if cell.wind == "no_wind"}
     monkeypatch.setattr(calibration, "published_table", lambda: table)
     first = HYPOTHESES["measurement"]
-    near = first._replace(
+    narrow_range = first._replace(
         pd=first.pd._replace(low=1.19, high=1.215), network=first.network._replace(low=1.94, high=2.01)
     )
-    found = calibrate(near, load, 3)
+    result = calibrate(narrow_range, load, 3)
     control = load(calibration.NETWORK_CELL).control
     position = control.position
-    assert position.k_p[0] == pytest.approx(found.pd**2, rel=0.01)
-    assert position.k_d[0] == pytest.approx(1.4 * found.pd, rel=0.01)
-    assert control.network.learning.slope == pytest.approx(found.network, rel=0.01)
-    assert found.errors[Cell("no_wind", "pd")].value == pytest.approx(0.972, abs=0.001)
+    assert position.k_p[0] == pytest.approx(result.pd**2, rel=0.01)
+    assert position.k_d[0] == pytest.approx(1.4 * result.pd, rel=0.01)
+    assert control.network.learning.slope == pytest.approx(result.network, rel=0.01)
+    assert result.errors[Cell("no_wind", "pd")].value == pytest.approx(0.972, abs=0.001)
 
 
 def test_gains_have_the_declared_damping():
@@ -87,16 +87,19 @@ def test_hypotheses_have_the_expected_fixed_and_free_parameters(name, fixed, fir
     """The test compares the limits of both parameters, and the overrides that set them to 2."""
     hypothesis = HYPOTHESES[name]
     assert hypothesis.overrides == fixed
-    for number, expected in ((hypothesis.pd, first), (hypothesis.network, second)):
-        assert (number.low, number.high, number.overrides(2.0)) == expected
+    for free_parameter, expected in ((hypothesis.pd, first), (hypothesis.network, second)):
+        assert (free_parameter.low, free_parameter.high, free_parameter.overrides(2.0)) == expected
 
 
-def number(name, low=0.0, high=10.0):
+def free_parameter(name, low=0.0, high=10.0):
     return FreeParameter(name, low, high, lambda value: [f"{name}={value!r}"])
 
 
 def errors_of(levels):
-    """Return a function whose errors are the level of the cell times the cubes of free parameters, plus a spread."""
+    """Return a function in place of flights, which returns invented errors of a cell.
+
+    The mean error is the level of the cell times the cubes of all free parameters.
+    """
 
     def fly(scenario, num_samples, *, compiled):
         assert compiled
@@ -112,16 +115,20 @@ def errors_of(levels):
 def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
     """Errors are proportional to the cubes of both parameters; the PD's error depends only on the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
-    levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(published_table())}
+    levels = {cell: 0.1 * (2.0 + index) for index, cell in enumerate(published_table())}
     monkeypatch.setattr(calibration, "_errors", errors_of(levels))
-    free = Hypothesis("in proportion", ["fixed=1"], number("first"), number("second"))
-    found = calibrate(free, lambda cell, overrides: (cell, overrides), 5)
+    free = Hypothesis("in proportion", ["fixed=1"], free_parameter("first"), free_parameter("second"))
+    result = calibrate(free, lambda cell, overrides: (cell, overrides), 5)
     x_cubed = published_table()[calibration.PD_CELL].rmse.mean / levels[calibration.PD_CELL]
     y_cubed = published_table()[calibration.NETWORK_CELL].rmse.mean / levels[calibration.NETWORK_CELL] / x_cubed
     x, y = x_cubed ** (1.0 / 3.0), y_cubed ** (1.0 / 3.0)
-    assert (found.hypothesis, found.pd, found.network) == (free, pytest.approx(x, rel=1e-3), pytest.approx(y, rel=1e-3))
-    assert list(found.errors) == list(published_table())
-    for cell, error in found.errors.items():
+    assert (result.hypothesis, result.pd, result.network) == (
+        free,
+        pytest.approx(x, rel=1e-3),
+        pytest.approx(y, rel=1e-3),
+    )
+    assert list(result.errors) == list(published_table())
+    for cell, error in result.errors.items():
         expected = levels[cell] * x_cubed * (1.0 if cell.controller == "pd" else y_cubed)
         assert error.value == pytest.approx(expected, rel=1e-2)
         # The interval is Student's for five values from -0.5 to 0.5 m around the mean.
@@ -140,5 +147,5 @@ def test_a_parameter_range_that_cannot_reproduce_the_target_error_is_refused(low
 
 
 def test_a_crash_counts_as_an_infinite_error():
-    wild = ["duration=1", "crash.position_error=0.001"]
-    assert calibration._errors(load(Cell("low_wind", "pd"), wild), 2).tolist() == [math.inf] * 2
+    crashing_overrides = ["duration=1", "crash.position_error=0.001"]
+    assert calibration._errors(load(Cell("low_wind", "pd"), crashing_overrides), 2).tolist() == [math.inf] * 2

@@ -1,4 +1,4 @@
-"""Claims about an invented experiment, compared with independent computations."""
+"""Tests that claims about an invented experiment agree with independent computations."""
 
 import csv
 from dataclasses import replace
@@ -10,9 +10,9 @@ import scipy
 from invented_experiment import invented_experiment, metrics_of, paper_scenario
 
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.baseline_comparison import fair_entries, write_fair
 from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_fraction
 from drake_quad.replication.effort import effort_matches, published_ratios, published_scatter, write_efforts
-from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, select_cells
@@ -36,7 +36,7 @@ WIND_NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high w
 
 
 @pytest.fixture(scope="module")
-def found():
+def experiment():
     return invented_experiment(NUM_SAMPLES)
 
 
@@ -86,10 +86,13 @@ def relative_reduction(values, baseline):
     return difference_from(fieller(values, baseline), 1.0)
 
 
-def ratio_of_cells(found, wind, name, other, metric="rmse", other_wind=None):
+def ratio_of_cells(experiment, wind, name, other_name, metric="rmse", other_wind=None):
     """Return the ratio of the means of two cells."""
     return fieller(
-        *(getattr(found.cells[Cell(*cell)].metrics, metric) for cell in ((wind, name), (other_wind or wind, other)))
+        *(
+            getattr(experiment.cells[Cell(*cell)].metrics, metric)
+            for cell in ((wind, name), (other_wind or wind, other_name))
+        )
     )
 
 
@@ -104,88 +107,90 @@ def errors(sweep):
 
 def rows_at(sweep, number, exponents, rows):
     """Return the errors of a sweep for one of three pairs of exponents, in the given rows."""
-    places = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
-    return errors(sweep)[places]
+    indices = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
+    return errors(sweep)[indices]
 
 
-def test_the_committed_claims_are_current(found):
+def test_the_committed_claims_are_current(experiment):
     with (DOCS / "claims.csv").open(encoding="utf-8") as file:
         committed = list(csv.DictReader(file))
-    claims = all_claims(found)
+    claims = all_claims(experiment)
     assert [claim.statement for claim in claims] == [row["claim"] for row in committed]
     for name in ("printed", "rule", "figure"):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
 
-def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
-    half, without_wind, *_ = all_claims(found)
-    cuts = {
-        (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd"), 1.0)
+def test_claims_about_reductions_relative_to_the_pd_are_judged(experiment):
+    half, without_wind, *_ = all_claims(experiment)
+    reductions = {
+        (wind, name): difference_from(ratio_of_cells(experiment, wind, name, "pd"), 1.0)
         for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     over_slope = {}
     for wind in WIND_NAMES:
-        baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
-        over_slope[wind] = [relative_reduction(row, baseline) for row in found.slopes[wind].metrics.rmse]
-    best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
+        baseline = experiment.cells[Cell(wind, "pd")].metrics.rmse[1:4]
+        over_slope[wind] = [relative_reduction(row, baseline) for row in experiment.slopes[wind].metrics.rmse]
+    best = max((each for reductions in over_slope.values() for each in reductions), key=lambda each: each[0])
     assert half.evidence == (
-        f"reductions of {least_to_most(cuts.values())} over winds and exponents; at most {per_cent(best)} with another"
-        " λ than the fitted one"
+        f"reductions of {least_to_most(reductions.values())} over winds and exponents; at most {per_cent(best)} with"
+        " a λ other than the fitted one"
     )
-    listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
+    listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in reductions.items())
     slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
     # The networks reduce the error by a fraction of about 0.55 with narrow sets and 0.45 with wide sets, and by more
     # with other values of λ.
     assert half.verdict == "holds in part"
-    cut, *others = (
-        difference_from(ratio_of_cells(found, "no_wind", name, "pd"), 1.0)
+    type_2_reduction, *other_reductions = (
+        difference_from(ratio_of_cells(experiment, "no_wind", name, "pd"), 1.0)
         for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
-        f"a reduction of {per_cent(cut)}, which is the result of the fit; reductions by the other networks, which were"
-        f" not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(others[0])};"
-        f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(others[1])}"
+        f"a reduction of {per_cent(type_2_reduction)}, which is the result of the fit; reductions by the other"
+        f" networks, which were not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(other_reductions[0])};"
+        f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(other_reductions[1])}"
     )
 
 
-def test_claims_about_type_2_and_type_1_are_judged(found):
-    _, _, against, wider, *_ = all_claims(found)
+def test_claims_about_type_2_and_type_1_are_judged(experiment):
+    _, _, type_2, wider, *_ = all_claims(experiment)
     gains = {
-        (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd_t1fnn"), 1.0)
+        (wind, name): difference_from(ratio_of_cells(experiment, wind, name, "pd_t1fnn"), 1.0)
         for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
-    for number, sweep, count in (("noise", found.noise, len(NOISE_LEVELS)), ("q", found.q, len(Q_VALUES))):
+    for number, sweep, count in (("noise", experiment.noise, len(NOISE_LEVELS)), ("q", experiment.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
-        both = (
+        both_widths = (
             [
-                relative_reduction(row, of_1)
-                for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)
+                relative_reduction(row, baseline)
+                for row, baseline in zip(rows_at(sweep, number, name, count), first, strict=True)
             ]
             for name in ("pd_t2fnn", "pd_t2fnn_wide")
         )
-        better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
+        better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both_widths, strict=True)]
     windy = [gain for (wind, _), gain in gains.items() if wind != "no_wind"]
-    assert against.evidence == (
-        f"reductions of {least_to_most(windy)} in wind; without wind, with the better width,"
+    assert type_2.evidence == (
+        f"reductions of {least_to_most(windy)} in wind; without wind, with the better of the two widths,"
         f" {least_to_most(better['noise'])} with noise from 0 to 20 mm, {least_to_most(better['q'][1:-1])} with q from"
         f" 0.25 to 0.75, and {per_cent(better['q'][0])} with q = 0, where only the upper memberships count"
     )
-    assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
-    assert against.verdict == "holds"
-    narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
+    assert type_2.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
+    assert type_2.verdict == "holds"
+    narrow, wide = (
+        rows_at(experiment.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide")
+    )
     larger = [difference_from(relative_reduction(*pair)) for pair in zip(wide, narrow, strict=True)]
-    # To first order, the change of w₀ / n₀ - w / n is the sum of the changes of the four means with these weights.
-    four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
-    four = four[:, np.isfinite(four).all(axis=0)]
-    w_0, n_0, w, n = four.mean(axis=1)
+    # The weights are the partial derivatives of w₀ / n₀ - w / n with respect to the four means (delta method).
+    errors_of_four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
+    errors_of_four = errors_of_four[:, np.isfinite(errors_of_four).all(axis=0)]
+    w_0, n_0, w, n = errors_of_four.mean(axis=1)
     weights = np.array([1.0 / n_0, -w_0 / n_0**2, -1.0 / n, w / n**2])
-    count = four.shape[1]
-    half = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(four) @ weights / count)
-    trend = (w_0 / n_0 - w / n) + half * np.array([0.0, -1.0, 1.0])
+    count = errors_of_four.shape[1]
+    half_width = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(errors_of_four) @ weights / count)
+    trend = (w_0 / n_0 - w / n) + half_width * np.array([0.0, -1.0, 1.0])
     assert wider.evidence == (
         f"wider sets have an error that is larger by {per_cent(larger[0])} without position noise and by"
         f" {per_cent(larger[-1])} with 20 mm, so noise reduces their disadvantage by {per_cent(trend)} of the error"
@@ -197,17 +202,17 @@ def test_claims_about_type_2_and_type_1_are_judged(found):
     )
 
 
-def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
-    _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
-    pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
-    cut = difference_from(ratio_of_cells(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
-    assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(cut)}"
+def test_claims_about_peaks_pd_output_and_effort_are_judged(experiment):
+    _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(experiment)
+    pd, network = (interval(experiment.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
+    reduction = difference_from(ratio_of_cells(experiment, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
+    assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(reduction)}"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
-        first = found.cells[Cell(wind, "pd_t1fnn")].metrics.peak_error
+        first = experiment.cells[Cell(wind, "pd_t1fnn")].metrics.peak_error
         for name in ("pd_t2fnn", "pd_t2fnn_wide"):
-            differences[wind, name] = interval(found.cells[Cell(wind, name)].metrics.peak_error - first)
+            differences[wind, name] = interval(experiment.cells[Cell(wind, name)].metrics.peak_error - first)
 
     def millimetres(length):
         return Interval(*length).text(unit="mm", size=1e-3, signed=True)
@@ -218,9 +223,9 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     assert peaks.details == "; ".join(f"{named(*cell)} {millimetres(each)}" for cell, each in differences.items())
     assert peaks.verdict == "holds"
 
-    left, returned = (
+    fades, returns = (
         {
-            (wind, name): interval(found.recorded[Cell(wind, name)][measure])
+            (wind, name): interval(experiment.recorded[Cell(wind, name)][measure])
             for wind in WIND_NAMES
             for name in ("pd", "pd_t2fnn")
         }
@@ -228,12 +233,12 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     )
     assert fading.evidence == (
         "without wind, the RMS of the PD's output in the last quarter of a flight is"
-        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of its value in the quarter after the climb; in the 1 s after a"
-        f" change of segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of its value in the 1 s before"
+        f" {per_cent(fades['no_wind', 'pd_t2fnn'])} of its value in the quarter after the climb; in the 1 s after a"
+        f" change of segment, it is {per_cent(returns['no_wind', 'pd_t2fnn'])} of its value in the 1 s before"
     )
     listed = [
         "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in fractions.items())
-        for fractions in (left, returned)
+        for fractions in (fades, returns)
     ]
     assert fading.details == (
         "RMS of the PD's output in the last quarter of a flight, relative to the quarter after the climb:"
@@ -242,7 +247,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     )
 
     fractions = {
-        (wind, name, axis): ratio_of_cells(found, wind, name, "pd", f"effort_{axis}")
+        (wind, name, axis): ratio_of_cells(experiment, wind, name, "pd", f"effort_{axis}")
         for wind in WIND_NAMES
         for name in NETWORKS
         for axis in "xy"
@@ -254,7 +259,7 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     assert effort.verdict == "does not hold"
 
     rises = {
-        (wind, name): ratio_of_cells(found, wind, name, name, other_wind="no_wind") - 1.0
+        (wind, name): ratio_of_cells(experiment, wind, name, name, other_wind="no_wind") - 1.0
         for name in CONTROLLERS
         for wind in ("low_wind", "high_wind")
     }
@@ -263,64 +268,68 @@ def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     assert windy.verdict == "holds in part"
 
 
-def test_claims_about_gains_are_judged(found):
-    *_, legs, circle = all_claims(found)
-    straight, curved, swing = found.legs.metrics
-    # A sample crashed with the third pair of gains on a straight line.
-    on_straight = min((0, 1, 3, 4, 5), key=lambda place: sum(straight[place, :8]))
-    on_curved = min(range(6), key=lambda place: sum(curved[place, :8]))
+def test_claims_about_gains_are_judged(experiment):
+    *_, legs, circle = all_claims(experiment)
+    straight, curved, swing = experiment.legs.metrics
+    # The third pair of gains is excluded, because a sample crashed on a straight line with it.
+    on_straight = min((0, 1, 3, 4, 5), key=lambda index: sum(straight[index, :8]))
+    on_curved = min(range(6), key=lambda index: sum(curved[index, :8]))
     worse = fieller(curved[on_straight, 8:], curved[on_curved, 8:]) - 1.0
-    livelier = fieller(swing[on_curved, 8:], swing[on_straight, 8:])
+    variation_ratio = fieller(swing[on_curved, 8:], swing[on_straight, 8:])
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
-    texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
+    texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[index]) for index in (on_straight, on_curved)]
     assert legs.evidence == (
-        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the"
-        f" gains for straight lines have a {per_cent(worse)} larger error on curves than the gains for curves, and with"
-        f" the gains for curves the command varies {plain(livelier)} times as much on straight lines"
+        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the error on"
+        f" curves is larger by {per_cent(worse)} with the gains for straight lines than with the gains for curves, and"
+        f" the variation of the command on straight lines is {plain(variation_ratio)} times as large with the gains"
+        " for curves as with the gains for straight lines"
     )
-    kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
-    fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
-    typical = [interval([np.median(column) / column.min() for column in columns]) for columns in kept]
-    best = [interval([column.min() for column in columns]) for columns in kept]
+    finite_errors = [
+        [column[np.isfinite(column)] for column in errors(experiment.maps[name]).T] for name in ("pd", "pd_t2fnn")
+    ]
+    fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in finite_errors]
+    typical = [interval([np.median(column) / column.min() for column in columns]) for columns in finite_errors]
+    best = [interval([column.min() for column in columns]) for columns in finite_errors]
     crashing = [
-        sum(np.isfinite(row).any() for row in found.maps[name].metrics.crash_time) for name in ("pd", "pd_t2fnn")
+        sum(np.isfinite(row).any() for row in experiment.maps[name].metrics.crash_time) for name in ("pd", "pd_t2fnn")
     ]
     assert crashing[0] != crashing[1]
     assert circle.evidence == (
-        f"of the gains that stabilise the loop, {per_cent(interval(fraction[0]))} have an error within 20 % of the best"
-        f" with the PD, and {per_cent(interval(fraction[1]))} with PD+T2FNN; the median error is {plain(typical[0])}"
-        f" times the best one with the PD, and {plain(typical[1])} times with PD+T2FNN; the best errors are"
-        f" {metres(best[0])} and {metres(best[1])}"
+        f"of the gains that stabilise the loop, {per_cent(interval(fraction[0]))} have an error within 20 % of the"
+        f" smallest error with the PD, and {per_cent(interval(fraction[1]))} with PD+T2FNN; the median error is"
+        f" {plain(typical[0])} times the smallest error with the PD, and {plain(typical[1])} times with PD+T2FNN; the"
+        f" smallest errors are {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
         "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; at least"
         f" one sample crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; with"
-        f" the network, {per_cent(interval(fraction[1] - fraction[0]))} more of the gains are within 20 % of the best"
+        " the network, the fraction of gains within 20 % of the smallest error is larger by"
+        f" {per_cent(interval(fraction[1] - fraction[0]))}"
     )
-    np.testing.assert_allclose(near_best_fraction(found.maps["pd"]), fraction[0])
-    np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
+    np.testing.assert_allclose(near_best_fraction(experiment.maps["pd"]), fraction[0])
+    np.testing.assert_allclose(interval(median_to_best_ratio(experiment.maps["pd"])), typical[0])
 
 
-def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
-    entries = fair_entries(found)
+def test_controllers_are_compared_with_both_baselines_in_the_same_wind(experiment):
+    entries = fair_entries(experiment)
     compared = ["pd", "pd_t2fnn", *FAIR_CONTROLLERS]
     assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in WIND_NAMES for name in compared]
     for entry in entries:
         wind, name = entry.cell
         for metric in ("rmse", "peak_error", "effort_x", "effort_y"):
             np.testing.assert_allclose(
-                getattr(entry, metric), interval(getattr(found.cells[entry.cell].metrics, metric))
+                getattr(entry, metric), interval(getattr(experiment.cells[entry.cell].metrics, metric))
             )
-        np.testing.assert_allclose(entry.over_pd, ratio_of_cells(found, wind, name, "pd"), atol=1e-12)
-        np.testing.assert_allclose(entry.over_network, ratio_of_cells(found, wind, name, "pd_t2fnn"), atol=1e-12)
+        np.testing.assert_allclose(entry.over_pd, ratio_of_cells(experiment, wind, name, "pd"), atol=1e-12)
+        np.testing.assert_allclose(entry.over_network, ratio_of_cells(experiment, wind, name, "pd_t2fnn"), atol=1e-12)
 
 
-def test_effort_ratios_are_compared_with_the_printed_ratios(found):
+def test_effort_ratios_are_compared_with_the_printed_ratios(experiment):
     with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
     winds = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
-    wanted, cells, logs = [], [], {"x": [], "y": []}
+    printed_ratios, cells, logs = [], [], {"x": [], "y": []}
     for row in printed:
         name = "pd_t2fnn_wide" if row["a1"] == "1.4" else names[row["controller"]]
         for axis in "xy":
@@ -328,38 +337,45 @@ def test_effort_ratios_are_compared_with_the_printed_ratios(found):
             if np.all(np.isfinite(runs)):
                 logs[axis].append(np.log(runs))
         if name != "pd":
-            (pd,) = (other for other in printed if other["controller"] == "PD" and other["wind"] == row["wind"])
+            (pd,) = (
+                candidate
+                for candidate in printed
+                if candidate["controller"] == "PD" and candidate["wind"] == row["wind"]
+            )
             cells.append(Cell(winds[row["wind"]], name))
             columns = [f"effort_{axis}_mean" for axis in "xy"]
-            wanted.append([float(row[column] or "nan") / float(pd[column] or "nan") for column in columns])
-    wanted = np.array(wanted)
-    kept = np.isfinite(wanted)
+            printed_ratios.append([float(row[column] or "nan") / float(pd[column] or "nan") for column in columns])
+    printed_ratios = np.array(printed_ratios)
+    is_printed = np.isfinite(printed_ratios)
     np.testing.assert_allclose(
-        published_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in wanted.T]
+        published_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in printed_ratios.T]
     )
     variance = np.mean([np.sum((runs - runs.mean()) ** 2) / 2.0 for runs in logs["x"] + logs["y"]])
     assert published_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
 
-    matches = {match.name: match for match in effort_matches(found)}
+    matches = {match.name: match for match in effort_matches(experiment)}
     assert list(matches) == sorted(matches, key=lambda name: matches[name].distance.value)
     for name in EFFORTS:
         fractions = np.array(
             [
                 [
-                    found.recorded[cell][f"{name}_{axis}"] / found.recorded[Cell(cell.wind, "pd")][f"{name}_{axis}"]
+                    experiment.recorded[cell][f"{name}_{axis}"]
+                    / experiment.recorded[Cell(cell.wind, "pd")][f"{name}_{axis}"]
                     for axis in "xy"
                 ]
                 for cell in cells
             ]
         )
-        off = np.sqrt([np.mean(np.log(fractions[kept, k] / wanted[kept]) ** 2) for k in range(4)])
-        np.testing.assert_allclose(matches[name].distance, np.exp(interval(off)))
-        means = [scipy.stats.gmean(fractions[kept[:, axis], axis].ravel()) for axis in (0, 1)]
+        distances = np.sqrt(
+            [np.mean(np.log(fractions[is_printed, k] / printed_ratios[is_printed]) ** 2) for k in range(4)]
+        )
+        np.testing.assert_allclose(matches[name].distance, np.exp(interval(distances)))
+        means = [scipy.stats.gmean(fractions[is_printed[:, axis], axis].ravel()) for axis in (0, 1)]
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
-def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
-    cells = dict(found.cells)
+def test_table_ii_is_compared_with_the_printed_table(experiment, tmp_path):
+    cells = dict(experiment.cells)
     crashed = cells[Cell("low_wind", "pd")]
     crash_time = np.where(np.arange(NUM_SAMPLES) == 1, 2.0, np.inf)
     cells[Cell("low_wind", "pd")] = replace(crashed, metrics=crashed.metrics._replace(crash_time=crash_time))
@@ -393,7 +409,7 @@ def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
             str(entry.crashed),
         )
         for name, runs in (("printed", entry.printed), ("ours", entry.runs)):
-            written = [float(row[f"{name}_{which}"] or "nan") for which in ("run1", "run2", "run3", "mean")]
+            written = [float(row[f"{name}_{column}"] or "nan") for column in ("run1", "run2", "run3", "mean")]
             np.testing.assert_allclose(written, [*runs.runs, runs.mean], rtol=1e-8)
         np.testing.assert_allclose([float(row[end]) for end in ("mean", "low", "high")], entry.mean, rtol=1e-8)
 
@@ -408,8 +424,8 @@ def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
     )
 
 
-def test_files_contain_the_comparison_with_other_controllers_and_the_effort_ratios(found, tmp_path):
-    entries, matches = fair_entries(found), effort_matches(found)
+def test_files_contain_the_comparison_with_other_controllers_and_the_effort_ratios(experiment, tmp_path):
+    entries, matches = fair_entries(experiment), effort_matches(experiment)
     with write_fair(tmp_path / "fair.csv", entries).open(encoding="utf-8") as file:
         for row, entry in zip(csv.DictReader(file), entries, strict=True):
             assert (row["wind"], row["controller"]) == entry.cell
@@ -424,7 +440,7 @@ def test_files_contain_the_comparison_with_other_controllers_and_the_effort_rati
 
 
 def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0):
-    """Return an experiment without scatter, in which every result is 1 unless an argument states it.
+    """Return an experiment without scatter. All results are 1, except those that the arguments replace.
 
     Args:
         cells: results by (wind or None for all, controller, metric).
@@ -455,12 +471,12 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
     rmse = np.ones((len(SLOPES), 3))
     rmse[2] = slope
     slopes = {wind: Sweep({"slope": np.array(SLOPES)}, np.arange(3), metrics(rmse.shape, rmse=rmse)) for wind in WINDS}
-    own = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in select_cells(CONTROLLERS)}
-    own[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
+    pd_measures = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in select_cells(CONTROLLERS)}
+    pd_measures[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
     gains = {"k_p": np.array([1.0, 2.0]), "k_d": np.array([1.0, 1.0])}
     maps = {name: Sweep(gains, np.arange(3), metrics((2, 3))) for name in ("pd", "pd_t2fnn")}
     legs = Sweep(gains, np.arange(4), LegMetrics(*np.ones((3, 2, 4))))
-    return Experiment(studies, own, *sweeps, slopes, maps, legs)
+    return Experiment(studies, pd_measures, *sweeps, slopes, maps, legs)
 
 
 TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
@@ -513,8 +529,8 @@ def in_wind(rmse):
     ],
 )  # fmt: skip
 def test_a_verdict_changes_at_the_threshold_of_its_rule(claim, numbers, verdict):
-    (found,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
-    assert found.verdict == verdict
+    (experiment,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
+    assert experiment.verdict == verdict
 
 
 @pytest.mark.slow
@@ -532,8 +548,8 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     rows = np.ones((3, 2, 4))
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
     rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
-    experiment = experiment_of_ones()
-    *_, legs, _ = all_claims(replace(experiment, legs=replace(experiment.legs, metrics=LegMetrics(*rows))))
+    ones = experiment_of_ones()
+    *_, legs, _ = all_claims(replace(ones, legs=replace(ones.legs, metrics=LegMetrics(*rows))))
     assert legs.verdict == verdict
 
 
@@ -543,14 +559,14 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
 )
 def test_the_claim_that_any_stabilising_gains_suffice_requires_more_than_half_of_the_gains(pd, network, verdict):
     """Two of the four gains are nearly as good as the best: `pd` for the PD alone, and `network` for PD+T2FNN."""
-    experiment = experiment_of_ones()
+    ones = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}
-    for name, good in (("pd", pd), ("pd_t2fnn", network)):
-        rmse = np.where(np.arange(4)[:, np.newaxis] < good, 1.0, 1.3) * np.ones((4, 3))
+    for name, num_good in (("pd", pd), ("pd_t2fnn", network)):
+        rmse = np.where(np.arange(4)[:, np.newaxis] < num_good, 1.0, 1.3) * np.ones((4, 3))
         metrics = Metrics(**{field: np.full((4, 3), np.inf) for field in Metrics._fields})._replace(rmse=rmse)
         maps[name] = Sweep(gains, np.arange(3), metrics)
-    *_, circle = all_claims(replace(experiment, maps=maps))
+    *_, circle = all_claims(replace(ones, maps=maps))
     assert circle.verdict == verdict
 
 

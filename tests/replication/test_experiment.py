@@ -1,4 +1,4 @@
-"""Tests of sweeps and of the experiment: settings fly in one fleet as in single flights."""
+"""Tests of sweeps and of the experiment, in which all settings of a sweep fly in one fleet."""
 
 import numpy as np
 import pytest
@@ -48,40 +48,40 @@ def scenario(name, *overrides):
 def test_recorded_samples_equal_single_flights():
     study = scenario("low_wind_pd_t2fnn")
     for sample, flight in zip((4, 2), simulate_samples(study, [4, 2]), strict=True):
-        alone = simulate(study, sample=sample, compiled=False)
-        assert flight.scenario == alone.scenario
-        np.testing.assert_array_equal(flight.time, alone.time)
-        for name, values in alone.signals.items():
+        single_flight = simulate(study, sample=sample, compiled=False)
+        assert flight.scenario == single_flight.scenario
+        np.testing.assert_array_equal(flight.time, single_flight.time)
+        for name, values in single_flight.signals.items():
             np.testing.assert_allclose(flight[name], values, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(flight.metrics, alone.metrics, rtol=1e-9)
+        np.testing.assert_allclose(flight.metrics, single_flight.metrics, rtol=1e-9)
 
 
 def test_settings_in_a_fleet_give_the_same_error_as_overrides_of_the_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
-    found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
+    result = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
     overrides = [
         f"laboratory.motion_capture.position_noise={noise}",
         f"control.network.a1={a1}",
         f"control.network.a2={a2}",
     ]
-    alone = simulate(scenario("no_wind_pd_t2fnn", *overrides), sample=3, compiled=False).metrics
-    assert found.rmse.shape == (2, 2)
-    assert found.rmse[1, 1] == pytest.approx(alone.rmse, rel=1e-9)
+    single_metrics = simulate(scenario("no_wind_pd_t2fnn", *overrides), sample=3, compiled=False).metrics
+    assert result.rmse.shape == (2, 2)
+    assert result.rmse[1, 1] == pytest.approx(single_metrics.rmse, rel=1e-9)
 
 
 def test_exponents_of_one_give_the_type_1_network():
     settings = {name: values[:1] for name, values in Q_SETTINGS.items()}
     assert (settings["a1"][0], settings["a2"][0]) == (1.0, 1.0)
-    found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
-    assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
+    result = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
+    assert result.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
 
 
 def test_gains_apply_to_both_horizontal_axes():
     settings = {name: values[[7]] for name, values in gain_settings(4).items()}
-    found = fly_settings(scenario("no_wind_pd"), settings, [1])
+    result = fly_settings(scenario("no_wind_pd"), settings, [1])
     gains = [f"{POSITION}.{name}.{axis}={settings[name][0]}" for name in ("k_p", "k_d") for axis in (0, 1)]
-    assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
+    assert result.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
 
 
 def test_every_leg_except_the_rise_is_listed_as_straight_or_curved():
@@ -115,8 +115,8 @@ def test_the_experiment_has_the_numbers_of_flights_that_the_report_states():
     }
 
 
-def fail(what):
-    raise ArithmeticError(f"{what} is cursed")
+def fail(failed_part):
+    raise ArithmeticError(f"{failed_part} failed")
 
 
 def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
@@ -124,9 +124,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
         return fail("sample 1") if 1 in samples else fly_batch(job, samples)
 
     monkeypatch.setattr(monte_carlo, "fly_batch", fly_some)
-    with pytest.raises(
-        RuntimeError, match="sample 1 of hover could not be flown: .*ArithmeticError: sample 1 is cursed"
-    ):
+    with pytest.raises(RuntimeError, match="sample 1 of hover could not be flown: .*ArithmeticError: sample 1 failed"):
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path, compiled=True)
 
 
@@ -136,7 +134,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
 def test_a_fleet_flies_as_many_settings_as_fit_into_it(count, sizes):
     """A fleet has at most 1,024 vehicles, unless a single setting has more samples."""
     settings = Q_SETTINGS
-    jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
+    jobs = SweepPlan(None, settings, count, fly=return_arguments).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]
     assert {job.name for job in jobs} == {"q"}
     first = 0
@@ -148,7 +146,7 @@ def test_a_fleet_flies_as_many_settings_as_fit_into_it(count, sizes):
         first += size
 
 
-def kept(*arguments, **options):
+def return_arguments(*arguments, **options):
     return arguments, options
 
 
@@ -170,16 +168,16 @@ def test_a_resumed_cell_is_identical_to_an_uninterrupted_one(tmp_path):
     study = scenario("no_wind_pid", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)
     path = tmp_path / "results.csv"
-    whole = path.read_bytes()
-    path.write_bytes(b"".join(whole.splitlines(keepends=True)[:2]))
+    uninterrupted = path.read_bytes()
+    path.write_bytes(b"".join(uninterrupted.splitlines(keepends=True)[:2]))
     _fly_cell(study, 3, tmp_path, compiled=True)
-    assert path.read_bytes() == whole
+    assert path.read_bytes() == uninterrupted
 
 
 def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
     """In place of flights, the test writes numbers that depend on the arguments of each flight."""
     sizes = ExperimentSizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
-    cells, told = {}, []
+    cells, progress_calls = {}, []
 
     def fly_cell(scenario, count, folder, *, compiled):
         assert not compiled
@@ -193,7 +191,7 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
     def fly_settings(scenario, settings, samples, *, compiled):
         assert not compiled
         number = next(iter(settings.values()))[:, np.newaxis] + 100.0 * np.arange(len(samples)) + len(scenario)
-        return Metrics(*(place + number for place in range(len(Metrics._fields))))
+        return Metrics(*(first_metric + number for first_metric in range(len(Metrics._fields))))
 
     def fly_legs(scenario, settings, samples, *, compiled):
         assert (scenario, compiled) == ("no_wind_pd", False)
@@ -201,26 +199,26 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
         return LegMetrics(rows, rows + 1000.0, rows + 2000.0)
 
     def plans(sizes):
-        found = {name: plan._replace(fly=fly_settings, max_vehicles=12) for name, plan in sweep_plans(sizes).items()}
-        return found | {"legs": found["legs"]._replace(fly=fly_legs)}
+        result = {name: plan._replace(fly=fly_settings, max_vehicles=12) for name, plan in sweep_plans(sizes).items()}
+        return result | {"legs": result["legs"]._replace(fly=fly_legs)}
 
     for name, function in {"_fly_cell": fly_cell, "_record_cell": record_cell, "sweep_plans": plans}.items():
         monkeypatch.setattr(experiment, name, function)
-    stale = tmp_path / "cells" / "no_wind_pd" / "old"
-    stale.parent.mkdir(parents=True)
-    stale.touch()
-    found = fly_experiment(
-        lambda cell: cell.scenario, sizes, tmp_path, compiled=False, progress=lambda *each: told.append(each)
+    old_file = tmp_path / "cells" / "no_wind_pd" / "old"
+    old_file.parent.mkdir(parents=True)
+    old_file.touch()
+    result = fly_experiment(
+        lambda cell: cell.scenario, sizes, tmp_path, compiled=False, progress=lambda *each: progress_calls.append(each)
     )
-    assert found == {cell: f"flight of {cell.scenario}" for cell in select_cells(CONTROLLERS)}
+    assert result == {cell: f"flight of {cell.scenario}" for cell in select_cells(CONTROLLERS)}
     assert cells == {
         f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}")
         for wind in WINDS
         for name in (*CONTROLLERS, *FAIR_CONTROLLERS)
     }
-    steps = {name: 0 for *_, name in told}
-    for (done, _, name), before in zip(told, [0, *(done for done, *_ in told)]):
-        steps[name] += done - before
+    steps = {name: 0 for *_, name in progress_calls}
+    for (done, _, name), previously_done in zip(progress_calls, [0, *(done for done, *_ in progress_calls)]):
+        steps[name] += done - previously_done
     assert steps == {
         **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR_CONTROLLERS)},
         **{f"recorded {wind}_{name}": 3 for wind in WINDS for name in CONTROLLERS},
@@ -231,7 +229,7 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
         "legs": 8,
         **{f"slope_{wind}": 28 for wind in WINDS},
     }
-    assert {total for _, total, _ in told} == {sum(steps.values())}
+    assert {total for _, total, _ in progress_calls} == {sum(steps.values())}
 
     recorded = read_table(tmp_path / "recorded.csv")
     assert len(recorded["sample"]) == 3 * len(WINDS) * len(CONTROLLERS)
@@ -257,11 +255,11 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
     np.testing.assert_array_equal(legs.settings["k_p"], gain_settings(2, BEST_GAIN_RANGES)["k_p"])
     assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
 
-    stale.parent.mkdir(parents=True)
-    stale.touch()
+    old_file.parent.mkdir(parents=True)
+    old_file.touch()
     monkeypatch.setattr(experiment, "_fly_cell", lambda *_, compiled: None)
     fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, resume=True, compiled=False)
-    assert stale.exists()
+    assert old_file.exists()
 
 
 def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Measures of flights with artificial signals."""
+"""Tests of the measures of a flight, computed from artificial signals."""
 
 import math
 
@@ -22,9 +22,11 @@ TIME = 0.02 * np.arange(801)
 def flight(crash_time=math.inf, **signals):
     """Return a flight with the given signals, and otherwise the signals of a vehicle at rest."""
     sizes = {"acceleration_command": 3, "wrench": 4, "state": 12, "reference": 11}
-    others = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {"pd": np.ones((len(TIME), 3))}
+    default_signals = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {
+        "pd": np.ones((len(TIME), 3))
+    }
     metrics = Metrics(*[0.0] * (len(Metrics._fields) - 1), crash_time)
-    return Flight(load_scenario("diagrams/hover.yaml"), PLAN, TIME, others | signals, metrics)
+    return Flight(load_scenario("diagrams/hover.yaml"), PLAN, TIME, default_signals | signals, metrics)
 
 
 def pulses(*heights):
@@ -35,9 +37,9 @@ def pulses(*heights):
 
 
 def test_measure_pd_fade_divides_the_last_quarter_by_the_quarter_after_the_rise():
-    found = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
+    result = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
     # The quarters are 200 ticks long, from 4.00 s to 7.98 s and from 12.02 s to 16.00 s.
-    assert found["pd_fade"] == pytest.approx(0.25)
+    assert result["pd_fade"] == pytest.approx(0.25)
 
 
 def test_measure_pd_return_divides_the_pd_output_after_a_new_segment_by_that_before():
@@ -59,7 +61,7 @@ def test_the_path_error_is_the_distance_to_the_path():
 def test_efforts_agree_with_their_definitions():
     rng = np.random.default_rng(0)
     command, pd, wrench = (rng.normal(loc=0.3, size=(len(TIME), rows)) for rows in (3, 3, 4))
-    found = measures(flight(acceleration_command=command, pd=pd, wrench=wrench))
+    result = measures(flight(acceleration_command=command, pd=pd, wrench=wrench))
     for axis, (u, c, torque) in {
         "x": (command[:, 0], pd[:, 0], wrench[:, 2]),
         "y": (command[:, 1], pd[:, 1], wrench[:, 1]),
@@ -79,7 +81,7 @@ def test_efforts_agree_with_their_definitions():
         }
         assert expected.keys() == EFFORTS.keys()
         for name, value in expected.items():
-            assert found[f"{name}_{axis}"] == pytest.approx(value), name
+            assert result[f"{name}_{axis}"] == pytest.approx(value), name
 
 
 def test_measures_of_a_crash_are_nan():

@@ -1,4 +1,4 @@
-"""Tests of the printed Table II."""
+"""Tests of Table II as printed in the paper."""
 
 import math
 
@@ -16,7 +16,6 @@ def test_the_table_has_ten_cells_with_known_names():
 
 
 def test_all_but_two_printed_means_agree_with_the_printed_runs():
-    """Two printed means of the paper do not agree with their runs."""
     for cell, line in published_table().items():
         for runs in line:
             if not any(map(math.isnan, (*runs.runs, runs.mean))):

@@ -11,8 +11,8 @@ from matplotlib.colors import to_hex
 from drake_quad import load_scenario, simulate
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.replication import figures
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES
@@ -29,14 +29,14 @@ def load(cell, overrides=()):
 
 
 @pytest.fixture(scope="module")
-def found():
-    found = invented_experiment(NUM_SAMPLES, crashes=0.1)
-    for sweep in found.maps.values():
+def experiment():
+    experiment = invented_experiment(NUM_SAMPLES, crashes=0.1)
+    for sweep in experiment.maps.values():
         sweep.metrics.crash_time[:] = np.inf
     scatter = np.random.default_rng(7).uniform(0.9, 1.1, 4)
-    found.maps["pd"].metrics.rmse[:] = np.outer([0.2, 0.1, 0.4, 0.15, 0.8, 9.0], scatter)
-    found.maps["pd"].metrics.crash_time[2, 3] = 4.0
-    return found
+    experiment.maps["pd"].metrics.rmse[:] = np.outer([0.2, 0.1, 0.4, 0.15, 0.8, 9.0], scatter)
+    experiment.maps["pd"].metrics.crash_time[2, 3] = 4.0
+    return experiment
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +45,12 @@ def flights():
     cells = [Cell("no_wind", name) for name in ("pd", "pd_t2fnn")] + [Cell("high_wind", name) for name in CONTROLLERS]
     flown = {cell: simulate(load(cell, ["duration=6"])) for cell in cells}
     crashed = Cell("high_wind", "pd_t2fnn_wide")
-    whole = flown[crashed]
-    signals = {name: rows[:200] for name, rows in whole.signals.items()}
-    return flown | {crashed: replace(whole, time=whole.time[:200], signals=signals)}
+    full_flight = flown[crashed]
+    signals = {name: rows[:200] for name, rows in full_flight.signals.items()}
+    return flown | {crashed: replace(full_flight, time=full_flight.time[:200], signals=signals)}
 
 
-def marked(axes, marker):
+def points_with_marker(axes, marker):
     """Return the points of each line with a marker."""
     return [line.get_xydata() for line in axes.lines if line.get_marker() == marker]
 
@@ -62,14 +62,16 @@ def legend_of(figure):
 
 
 @pytest.mark.long
-def test_figures_are_in_the_order_of_the_report(found, flights):
+def test_figures_are_in_the_order_of_the_report(experiment, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
-    drawn = dict(figures.paper_figures(found, every))
-    assert list(drawn) == [*CAPTIONS]
+    drawn_figures = dict(figures.paper_figures(experiment, every))
+    assert list(drawn_figures) == [*CAPTIONS]
     for number, wind in ((9, "no_wind"), (10, "low_wind"), (11, "high_wind")):
-        error = drawn[f"figure_{number}"].axes[0].lines[0].get_ydata()
+        error = drawn_figures[f"figure_{number}"].axes[0].lines[0].get_ydata()
         np.testing.assert_array_equal(error, every[Cell(wind, "pd")].euclidean_error)
-    labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
+    labels = {
+        name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn_figures.items()
+    }
     errors = [("", "Euclidean error (m)"), ("time (s)", "difference from\ntype 1 (mm)")]
     assert labels == {
         "table_ii": [("", ""), ("", ""), ("RMSE (m)", "")],
@@ -85,22 +87,22 @@ def test_figures_are_in_the_order_of_the_report(found, flights):
         "gains": [("$k_D$ (1/s)", "$k_P$ (1/s²)"), ("$k_D$ (1/s)", ""), ("", "RMSE (m)")],
         "fair": [("mean RMSE (m)", "")],
     }
-    for name, figure in drawn.items():
-        shown = figure.axes[0].get_legend_handles_labels()[1]
-        assert name in ("table_ii", "gains") or list(legend_of(figure)) == shown
+    for name, figure in drawn_figures.items():
+        labels_of_curves = figure.axes[0].get_legend_handles_labels()[1]
+        assert name in ("table_ii", "gains") or list(legend_of(figure)) == labels_of_curves
         assert len(legend_of(figure)) >= 2
 
 
-def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_results(found):
-    figure = figures.table_figure(found)
+def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_results(experiment):
+    figure = figures.table_figure(experiment)
     for axes, (wind, words) in zip(figure.axes, WINDS.items(), strict=True):
         assert axes.get_title(loc="left") == words
         assert [text.get_text() for text in axes.get_yticklabels()] == list(CONTROLLERS.values())
-        ours, bars = marked(axes, "D"), [line for line in axes.lines if line.get_alpha()]
-        runs, means = iter(marked(axes, "o")), iter(marked(axes, "s"))
+        our_means, bars = points_with_marker(axes, "D"), [line for line in axes.lines if line.get_alpha()]
+        runs, means = iter(points_with_marker(axes, "o")), iter(points_with_marker(axes, "s"))
         for row, name in enumerate(CONTROLLERS):
-            errors = values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")
-            np.testing.assert_allclose(ours[row], [[errors.mean(), row + 0.17]])
+            errors = values_without_crashes(experiment.cells[Cell(wind, name)].metrics, "rmse")
+            np.testing.assert_allclose(our_means[row], [[errors.mean(), row + 0.17]])
             low, high = np.sort(errors)[0], np.sort(errors)[-1]
             (x_low, y), (x_high, _) = bars[row].get_xydata()
             assert low <= x_low < errors.mean() < x_high <= high
@@ -115,14 +117,14 @@ def test_the_figure_of_table_ii_shows_printed_runs_with_their_means_and_our_resu
         # The axis contains all values that the paper prints, and all values of the committed report.
         assert axes.get_xlim() == (0.4, 1.1)
     handles = legend_of(figure)
-    shown = {line.get_marker(): line for line in figure.axes[0].lines}
+    lines_by_marker = {line.get_marker(): line for line in figure.axes[0].lines}
     for words, marker in (("printed runs", "o"), ("printed mean", "s"), ("ours, mean", "D")):
         handle = handles.pop(words)
         assert handle.get_marker() == marker
-        assert handle.get_color() == shown[marker].get_color()
+        assert handle.get_color() == lines_by_marker[marker].get_color()
         assert handle.get_linestyle() == "None"
     (bar,) = handles.values()
-    assert bar.get_color() == shown["D"].get_color()
+    assert bar.get_color() == lines_by_marker["D"].get_color()
 
 
 def test_memberships_of_an_elliptic_set_agree_with_the_paper_s_figure_4():
@@ -154,28 +156,28 @@ def test_memberships_of_an_elliptic_set_agree_with_the_paper_s_figure_4():
 
 def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
     names = ["reference", CONTROLLERS["pd"], CONTROLLERS["pd_t2fnn"]]
-    whole = flights[Cell("no_wind", "pd_t2fnn")]
-    expected = [positions(whole.record("reference"))]
+    network_flight = flights[Cell("no_wind", "pd_t2fnn")]
+    expected = [positions(network_flight.record("reference"))]
     expected += [positions(flights[Cell("no_wind", name)].record("state")) for name in ("pd", "pd_t2fnn")]
     space, above = figures.figure_7(flights), figures.figure_8(flights)
     for figure, count in ((space, 3), (above, 2)):
         (axes,) = figure.axes
         for line, path in zip(axes.lines, expected, strict=True):
-            shown = line.get_data_3d() if count == 3 else line.get_data()
-            np.testing.assert_allclose(shown, path.T[:count])
+            coordinates = line.get_data_3d() if count == 3 else line.get_data()
+            np.testing.assert_allclose(coordinates, path.T[:count])
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
     # Vertical legs have no number in the view from above.
-    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.right)]
-    assert [text.get_text() for text in above.axes[0].texts] == seen
+    leg_numbers = [str(mark.number) for mark in leg_marks(network_flight.plan) if np.any(mark.right)]
+    assert [text.get_text() for text in above.axes[0].texts] == leg_numbers
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
-    path = whole.plan.derivative(0)
-    ends = [*whole.plan.leg_times, whole.plan.path.times[-1]]
+    path = network_flight.plan.derivative(0)
+    ends = [*network_flight.plan.leg_times, network_flight.plan.path.times[-1]]
     assert list(numbers) == [str(i) for i in range(1, len(ends))]
     for i, (start, end) in enumerate(pairwise(ends), start=1):
-        away = np.subtract(numbers[str(i)], path.value(0.5 * (start + end))[:, 0])
-        assert away[2] == 0.0
-        assert np.linalg.norm(away) == pytest.approx(0.35) or not away.any()
+        offset = np.subtract(numbers[str(i)], path.value(0.5 * (start + end))[:, 0])
+        assert offset[2] == 0.0
+        assert np.linalg.norm(offset) == pytest.approx(0.35) or not offset.any()
     # The box has the proportions of the route, with at least 1.5 m on each side.
     aspect = space.axes[0]._box_aspect
     extent = np.maximum(np.ptp(expected[0], axis=0), 1.5)
@@ -253,14 +255,14 @@ def test_commands_of_pd_and_network_add_up_to_the_command(flights):
         assert (pd.get_label(), network.get_label()) == (r"PD, $\tau_c$", r"network, $-\tau_f$")
 
 
-def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(found):
-    figure = figures.fair_figure(found)
+def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(experiment):
+    figure = figures.fair_figure(experiment)
     (axes,) = figure.axes
     heights = []
     for container, (wind, words) in zip(axes.containers, WINDS.items(), strict=True):
         assert container.get_label() == words
         for row, (name, bar) in enumerate(zip(COMPARED_CONTROLLERS, container, strict=True)):
-            mean = mean_interval(values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")).value
+            mean = mean_interval(values_without_crashes(experiment.cells[Cell(wind, name)].metrics, "rmse")).value
             assert bar.get_width() == pytest.approx(mean)
             heights.append((bar.get_y() + 0.5 * bar.get_height() - row, bar.get_height()))
             (text,) = (
@@ -281,9 +283,9 @@ def test_bars_of_the_comparison_with_other_controllers_are_mean_errors(found):
     assert len({to_hex(color) for color in colors}) == 3
 
 
-def test_advantages_of_type_2_are_shown_with_their_intervals(found):
-    figure = figures.advantage_figure(found)
-    sweeps = (("noise", found.noise, NOISE_LEVELS, 1000.0), ("q", found.q, Q_VALUES, 1.0))
+def test_advantages_of_type_2_are_shown_with_their_intervals(experiment):
+    figure = figures.advantage_figure(experiment)
+    sweeps = (("noise", experiment.noise, NOISE_LEVELS, 1000.0), ("q", experiment.q, Q_VALUES, 1.0))
     for axes, (number, sweep, values, size) in zip(figure.axes, sweeps, strict=True):
         for container, name in zip(axes.containers, ("pd_t2fnn", "pd_t2fnn_wide"), strict=True):
             gains = [advantage(sweep, number, value, name) for value in values]
@@ -291,8 +293,8 @@ def test_advantages_of_type_2_are_shown_with_their_intervals(found):
             assert container.get_label() == CONTROLLERS[name]
             x = size * np.array(values)
             np.testing.assert_allclose(curve.get_data(), [x, [gain.value for gain in gains]])
-            for place, bar, gain in zip(x, bars.get_segments(), gains, strict=True):
-                np.testing.assert_allclose(bar, [[place, gain.low], [place, gain.high]])
+            for abscissa, bar, gain in zip(x, bars.get_segments(), gains, strict=True):
+                np.testing.assert_allclose(bar, [[abscissa, gain.low], [abscissa, gain.high]])
         (band,) = axes.patches
         assert [band.get_y(), band.get_y() + band.get_height()] == pytest.approx([0.02, 0.07])
         assert any(set(line.get_ydata()) == {0.0} for line in axes.lines)
@@ -302,20 +304,20 @@ def test_advantages_of_type_2_are_shown_with_their_intervals(found):
     assert left.yaxis.get_major_formatter()(0.05, 0).startswith("5")
 
 
-def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
-    figure = figures.gain_figure(found)
+def test_the_map_of_gains_is_grey_where_a_sample_crashes(experiment):
+    figure = figures.gain_figure(experiment)
     *maps, bar = figure.axes
-    rmse = found.maps["pd"].metrics.rmse.mean(axis=1).reshape(3, 2)
+    rmse = experiment.maps["pd"].metrics.rmse.mean(axis=1).reshape(3, 2)
     rmse[1, 0] = np.nan
     for axes, name in zip(maps, ("pd", "pd_t2fnn"), strict=True):
         shades = axes.collections[0]
         if name == "pd":
             np.testing.assert_allclose(np.ma.filled(shades.get_array(), np.nan).reshape(3, 2), rmse)
-            least = np.nanmin(rmse)
+            min_rmse = np.nanmin(rmse)
             # The colour scale ends at sixteen times the smallest error.
-            assert (shades.norm.vmin, shades.norm.vmax) == pytest.approx((least, 16.0 * least))
+            assert (shades.norm.vmin, shades.norm.vmax) == pytest.approx((min_rmse, 16.0 * min_rmse))
             contour = axes.collections[1]
-            assert contour.levels == pytest.approx([1.2 * least])
+            assert contour.levels == pytest.approx([1.2 * min_rmse])
         (star,) = (line for line in axes.lines if line.get_marker() == "*")
         position = load(Cell("no_wind", "pd")).control.position
         assert star.get_xydata().tolist() == [[position.k_d[0], position.k_p[0]]]
@@ -326,7 +328,7 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
             assert axis.get_ticklocs().tolist() == [0.5, 1.0, 2.0, 5.0, 10.0]
             assert not len(axis.get_minorticklocs())
     ticks = bar.get_yticks()
-    np.testing.assert_allclose(ticks, [each for each in (0.1, 0.2, 0.5, 1.0) if least <= each <= 16.0 * least])
+    np.testing.assert_allclose(ticks, [each for each in (0.1, 0.2, 0.5, 1.0) if min_rmse <= each <= 16.0 * min_rmse])
     assert len(ticks) >= 3
     assert not len(bar.yaxis.get_minorticklocs())
     assert bar.yaxis.get_major_formatter()(0.5) == "0.5"
@@ -335,22 +337,22 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()
 
 
-def test_panels_share_their_axes(found, flights):
+def test_panels_share_their_axes(experiment, flights):
     grid = figures.figure_4().axes
-    for drawn, x, y in (
+    for figure, x, y in (
         (grid, True, True),
-        (figures.table_figure(found).axes, True, False),
+        (figures.table_figure(experiment).axes, True, False),
         (figures.FLIGHT_FIGURES["figure_11"](flights).axes, True, False),
-        (figures.advantage_figure(found).axes, False, True),
-        (figures.gain_figure(found).axes[:2], False, True),
+        (figures.advantage_figure(experiment).axes, False, True),
+        (figures.gain_figure(experiment).axes[:2], False, True),
     ):
-        for one, other in pairwise(drawn):
+        for one, other in pairwise(figure):
             assert one.get_shared_x_axes().joined(one, other) == x
             assert one.get_shared_y_axes().joined(one, other) == y
 
 
-def test_bars_end_within_their_axis(found):
-    (axes,) = figures.fair_figure(found).axes
+def test_bars_end_within_their_axis(experiment):
+    (axes,) = figures.fair_figure(experiment).axes
     longest = max(bar.get_width() for container in axes.containers for bar in container)
     assert 1.05 * longest < axes.get_xlim()[1] < 1.4 * longest
 

@@ -20,21 +20,21 @@ CALIBRATION_FILE = ROOT / "drake_quad" / "replication" / "calibration.csv"
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def written_report(tmp_path_factory):
     """Return the folder and the files of a report without figures."""
     folder = tmp_path_factory.mktemp("paper")
     (folder / "figures").mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report_module, "paper_figures", lambda found, flights: ())
+        patch.setattr(report_module, "paper_figures", lambda result, flights: ())
         for name in CAPTIONS:
             (folder / "figures" / f"{name}.png").write_bytes(name.encode())
-        found = invented_experiment()
-        return folder, write_report(folder, found, collect_findings(found), {})
+        result = invented_experiment()
+        return folder, write_report(folder, result, collect_findings(result), {})
 
 
 @pytest.fixture(scope="module")
-def report(written):
-    folder, _ = written
+def report(written_report):
+    folder, _ = written_report
     return (folder / "report.md").read_text(encoding="utf-8")
 
 
@@ -50,8 +50,8 @@ def sections(text):
 
 
 @pytest.mark.slow
-def test_a_report_has_a_file_for_each_table(written):
-    folder, files = written
+def test_a_report_has_a_file_for_each_table(written_report):
+    folder, files = written_report
     names = [
         "table_ii.csv",
         "table_ii.md",
@@ -79,8 +79,8 @@ def test_a_report_has_a_file_for_each_table(written):
 
 
 @pytest.mark.slow
-def test_table_ii_of_the_report_agrees_with_its_file(written, report):
-    folder, _ = written
+def test_table_ii_of_the_report_agrees_with_its_file(written_report, report):
+    folder, _ = written_report
     rows = {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(folder / "table_ii.csv")}
     check_table(report, rows)
     tables = (folder / "table_ii.md").read_text(encoding="utf-8")
@@ -91,7 +91,7 @@ def test_table_ii_of_the_report_agrees_with_its_file(written, report):
         assert table in report
 
 
-def check_table(text, written):
+def check_table(text, written_report):
     """Check that the cells of the report contain all values of the CSV file."""
     titles = {
         "rmse": "RMSE (m)",
@@ -105,7 +105,7 @@ def check_table(text, written):
             wind, controller, printed, printed_mean, ours, ours_mean, mean, off = line.strip("| ").split(" | ")
             (row,) = (
                 row
-                for (key_wind, key_controller, key), row in written.items()
+                for (key_wind, key_controller, key), row in written_report.items()
                 if (WINDS[key_wind], CONTROLLERS[key_controller], key) == (wind, controller, quantity)
             )
             rounded = {name: f"{float(value):.3f}" if value else "–" for name, value in list(row.items())[3:11]}

@@ -1,4 +1,4 @@
-"""Sentences and tables of the replication's report, for invented findings."""
+"""Tests of sentences and tables in the report of the replication, for invented findings."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ from drake_quad import load_scenario
 from drake_quad.files import read_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import report
+from drake_quad.replication.baseline_comparison import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.effort import EffortMatch, published_ratios, published_scatter
-from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, Runs, published_table
 from drake_quad.replication.results import Experiment, select_cells
@@ -31,7 +31,10 @@ def entry(cell, quantity, printed, mean, crashed=0):
 
 
 def entries_of_table(crashed=0):
-    """Return entries of seven cells, of which two are fitted and one is not printed; efforts differ widely."""
+    """Return entries of seven cells. Two cells are fitted, and one is not printed.
+
+    The efforts deviate from the printed ones by a factor of 3.
+    """
     errors = {
         PD_CELL: (1.0, 0.99),
         NETWORK_CELL: (0.5, 0.51),
@@ -41,8 +44,8 @@ def entries_of_table(crashed=0):
         ("high_wind", "pd_t1fnn"): (NAN, 0.7),
         ("high_wind", "pd_t2fnn"): (0.5, 0.4),
     }
-    found = [entry(cell, "rmse", *numbers, crashed) for cell, numbers in errors.items()]
-    return found + [entry(cell, name, 1.0, 3.0, 900) for cell in errors for name in ("effort_x", "effort_y")]
+    result = [entry(cell, "rmse", *numbers, crashed) for cell, numbers in errors.items()]
+    return result + [entry(cell, name, 1.0, 3.0, 900) for cell in errors for name in ("effort_x", "effort_y")]
 
 
 def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
@@ -58,8 +61,8 @@ def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
     assert fields["crashes"] == "21 samples crashed; means are those of the others."
     for name in QUANTITIES:
         assert fields[f"table_{name}"] == table_markdown(entries, name)
-    kept = [each for each in entries_of_table() if abs(each.deviation) < 0.1]
-    fields = report._table_fields(kept)
+    accurate_entries = [each for each in entries_of_table() if abs(each.deviation) < 0.1]
+    fields = report._table_fields(accurate_entries)
     assert fields["exceptions"] == ""
     assert fields["within"] == fields["predicted"] == 2
     assert fields["crashes"] == "No sample crashed."
@@ -96,8 +99,8 @@ def test_the_comparison_with_other_controllers_has_a_row_for_each_controller_and
         cell: FairEntry(cell, *(Interval(0.1 * i + j, 0.1 * i + j - 0.01, 0.1 * i + j + 0.01) for j in range(1, 7)))
         for i, cell in enumerate(cells)
     }
-    found = Experiment(cells, *[{}] * 6)
-    fields = report._fair_fields(found, [*numbers.values()])
+    result = Experiment(cells, *[{}] * 6)
+    fields = report._fair_fields(result, [*numbers.values()])
     rows = [line.strip("| ").split(" | ") for line in fields["fair"].split("\n")[2:]]
     for row, (cell, each) in zip(rows, numbers.items(), strict=True):
         over_pd, over_network = (fraction.ratio() for fraction in (each.over_pd, each.over_network))
@@ -111,11 +114,13 @@ def test_the_comparison_with_other_controllers_has_a_row_for_each_controller_and
     for name in ("pd_retuned", "pd_feed_forward"):
         fractions = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
         assert fields[f"{name}_over_network"] == ", ".join(fractions)
-    helped = (
+    network_ratios = (
         compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).ratio
         for wind in WINDS
     )
-    expected = (f"{fraction.percent()} ({words})" for fraction, words in zip(helped, WINDS.values(), strict=True))
+    expected = (
+        f"{fraction.percent()} ({words})" for fraction, words in zip(network_ratios, WINDS.values(), strict=True)
+    )
     assert fields["network_over_feed_forward"] == ", ".join(expected)
 
 

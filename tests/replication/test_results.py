@@ -31,13 +31,13 @@ def test_recorded_measures_are_read_as_they_were_written(tmp_path, monkeypatch):
         for i, cell in enumerate(select_cells(CONTROLLERS))
     }
     write_recorded(tmp_path / "recorded.csv", recorded)
-    found = read_experiment(tmp_path)
-    assert found.recorded.keys() == recorded.keys()
+    result = read_experiment(tmp_path)
+    assert result.recorded.keys() == recorded.keys()
     for cell, columns in recorded.items():
         for name, values in columns.items():
-            np.testing.assert_allclose(found.recorded[cell][name], values)
-        assert found.cells[cell] == f"cells/{cell.scenario}"
-    assert (found.noise, found.q) == (("noise.csv", Metrics), ("q.csv", Metrics))
-    assert found.slopes == {wind: (f"slope_{wind}.csv", Metrics) for wind in WINDS}
-    assert found.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED_CONTROLLERS}
-    assert found.legs == ("legs.csv", LegMetrics)
+            np.testing.assert_allclose(result.recorded[cell][name], values)
+        assert result.cells[cell] == f"cells/{cell.scenario}"
+    assert (result.noise, result.q) == (("noise.csv", Metrics), ("q.csv", Metrics))
+    assert result.slopes == {wind: (f"slope_{wind}.csv", Metrics) for wind in WINDS}
+    assert result.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED_CONTROLLERS}
+    assert result.legs == ("legs.csv", LegMetrics)

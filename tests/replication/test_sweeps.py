@@ -50,29 +50,29 @@ def test_sweeps_have_the_expected_settings():
     ("ranges", "k_p", "k_d"), [((), (0.3, 20.0), (0.3, 12.0)), ((BEST_GAIN_RANGES,), (2.5, 9.0), (1.0, 4.5))]
 )
 def test_gains_are_in_geometric_steps(ranges, k_p, k_d):
-    found = gain_settings(3, *ranges)
+    result = gain_settings(3, *ranges)
     middle = [(low * high) ** 0.5 for low, high in (k_p, k_d)]
     expected = [(p, d) for p in (k_p[0], middle[0], k_p[1]) for d in (k_d[0], middle[1], k_d[1])]
-    assert list(zip(found["k_p"], found["k_d"], strict=True)) == [pytest.approx(pair) for pair in expected]
+    assert list(zip(result["k_p"], result["k_d"], strict=True)) == [pytest.approx(pair) for pair in expected]
 
 
 def test_settings_are_written_to_their_fields_of_the_scenario():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd_t2fnn")
     names = ("noise", "q", "a1", "a2", "k_p", "k_d", "slope")
-    settings = {name: np.array([10.0 + place, 20.0 + place]) for place, name in enumerate(names)}
+    settings = {name: np.array([10.0 + index, 20.0 + index]) for index, name in enumerate(names)}
     batch = settings_batch(scenario, settings, [4, 0, 7])
     assert (len(batch), batch.samples) == (6, (4, 0, 7) * 2)
     for vehicle in range(6):
         varied = batch.vehicle_scenario(vehicle)
         position, network = varied.control.position, varied.control.network
-        found = {
+        result = {
             "noise": [varied.laboratory.motion_capture.position_noise],
             **{name: [getattr(network, name)] for name in ("q", "a1", "a2")},
             **{name: getattr(position, name)[:2] for name in ("k_p", "k_d")},
             "slope": [network.learning.slope],
         }
         for name, values in settings.items():
-            assert {*found[name]} == {values[vehicle // 3]}
+            assert {*result[name]} == {values[vehicle // 3]}
         for name in ("k_p", "k_d"):
             assert getattr(position, name)[2] == number_at(scenario, f"control.position.{name}.2")
 
@@ -81,22 +81,22 @@ def test_metrics_have_a_row_for_each_setting_and_a_column_for_each_sample():
     """Each metric equals the metric of a single flight of the sample with the gains of the setting."""
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
     settings = {"k_p": np.array([1.0, 3.0]), "k_d": np.array([1.5, 2.0])}
-    found = fly_settings(scenario, settings, [4, 0, 7])
-    assert found.rmse.shape == (2, 3)
+    result = fly_settings(scenario, settings, [4, 0, 7])
+    assert result.rmse.shape == (2, 3)
     for row, (k_p, k_d) in enumerate(((1.0, 1.5), (3.0, 2.0))):
         gains = [
             f"control.position.{name}.{axis}={gain}" for name, gain in (("k_p", k_p), ("k_d", k_d)) for axis in (0, 1)
         ]
-        alone = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6", *gains])
+        single_scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6", *gains])
         for column, sample in enumerate((4, 0, 7)):
-            metrics = simulate(alone, sample=sample, compiled=False).metrics
-            np.testing.assert_allclose([values[row, column] for values in found], metrics, rtol=1e-9)
+            metrics = simulate(single_scenario, sample=sample, compiled=False).metrics
+            np.testing.assert_allclose([values[row, column] for values in result], metrics, rtol=1e-9)
 
 
 def test_leg_metrics_have_a_row_for_each_setting():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd", ["duration=13.5"])
     settings = {"k_p": np.array([1.4, 4.0]), "k_d": np.array([1.7, 3.0])}
-    found = fly_legs(scenario, settings, [5, 1])
-    assert all(values.shape == (2, 2) for values in found)
-    (alone,) = (values[0, 0] for values in fly_legs(scenario, {"k_p": [4.0], "k_d": [3.0]}, [1])[:1])
-    assert found.straight[1, 1] == pytest.approx(alone, rel=1e-9)
+    result = fly_legs(scenario, settings, [5, 1])
+    assert all(values.shape == (2, 2) for values in result)
+    (single_value,) = (values[0, 0] for values in fly_legs(scenario, {"k_p": [4.0], "k_d": [3.0]}, [1])[:1])
+    assert result.straight[1, 1] == pytest.approx(single_value, rel=1e-9)

@@ -13,8 +13,8 @@ class FakeWorkers:
     def __init__(self, capacity):
         self.capacity, self.pending, self.max_pending = capacity, [], 0
 
-    def submit(self, function, given):
-        self.pending.append((function, given))
+    def submit(self, function, argument):
+        self.pending.append((function, argument))
         self.max_pending = max(self.max_pending, len(self.pending))
 
     def next_outcomes(self):

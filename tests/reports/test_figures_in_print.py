@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from drake_quad.reports.figures import COLUMN, print_panels, save_small
+from drake_quad.reports.figures import COLUMN_WIDTH, print_panels, save_small
 from drake_quad.statistics.interval import Interval
 from drake_quad.visualization.panels import legend_above, name_rows, new_panels, plot_intervals
 
@@ -21,7 +21,7 @@ def test_a_printed_figure_has_the_width_of_a_column_and_a_colour_palette(tmp_pat
 
 def test_fonts_of_printed_figures_are_smaller_than_others():
     sizes = []
-    for context in (print_panels(1.0), new_panels(COLUMN, 1.0)):
+    for context in (print_panels(1.0), new_panels(COLUMN_WIDTH, 1.0)):
         with context as (_, axes):
             axes.set(xlabel="x", title="y")
             axes.plot([0.0, 1.0], label="z")

@@ -38,20 +38,20 @@ def test_an_html_page_contains_its_figures(tmp_path):
 
 
 def test_figures_are_drawn_one_at_a_time_and_as_vector_graphics_on_request(tmp_path, monkeypatch):
-    written = []
+    calls = []
 
-    def drawn():
+    def named_figures():
         for number, name in enumerate("ab"):
-            assert written.count("progress") == number
+            assert calls.count("progress") == number
             yield name, f"figure {name}"
 
-    monkeypatch.setattr(page, "save_small", lambda *each: written.append(each))
-    monkeypatch.setattr(page, "save_vector", lambda *each: written.append(each))
-    assert write_figures(drawn(), tmp_path, progress=lambda: written.append("progress")) == ["a", "b"]
+    monkeypatch.setattr(page, "save_small", lambda *each: calls.append(each))
+    monkeypatch.setattr(page, "save_vector", lambda *each: calls.append(each))
+    assert write_figures(named_figures(), tmp_path, progress=lambda: calls.append("progress")) == ["a", "b"]
     folder = tmp_path / "figures"
-    assert written == [
+    assert calls == [
         ("figure a", folder / "a.png"), "progress", ("figure b", folder / "b.png"), "progress"
     ]  # fmt: skip
-    written.clear()
+    calls.clear()
     write_figures([("c", "figure c")], tmp_path, vector="svg")
-    assert written == [("figure c", folder / "c.png"), ("figure c", folder / "c.svg", "svg")]
+    assert calls == [("figure c", folder / "c.png"), ("figure c", folder / "c.svg", "svg")]

@@ -26,7 +26,7 @@ CLAIMS = [
 
 
 @pytest.mark.parametrize(
-    ("needed", "enough", "verdict"),
+    ("necessary", "sufficient", "verdict"),
     [
         ([True, True], [], "holds"),
         ([True, False], [], "holds in part"),
@@ -37,8 +37,8 @@ CLAIMS = [
         ([False], [None], "cannot be decided"),
     ],
 )
-def test_verdicts_follow_from_conditions(needed, enough, verdict):
-    assert verdict_from_conditions(needed, *enough) == verdict
+def test_verdicts_follow_from_conditions(necessary, sufficient, verdict):
+    assert verdict_from_conditions(necessary, *sufficient) == verdict
 
 
 def test_a_reduction_is_one_minus_the_ratio():

@@ -46,16 +46,18 @@ def test_a_sample_does_not_depend_on_the_other_samples(study):
         "laboratory.wind=[{kind: steady, velocity: [{normal: {mean: 0, standard_deviation: 2}}, 0, 0]}]",
     )
     many = Batch.draw(scenario, range(20), seed=9)
-    drawn = ["vehicle.mass", "control.position.k_p.0", "control.position.k_p.2", "laboratory.wind.0.velocity.0"]
-    assert sorted(many.varying) == sorted(drawn)
+    random_paths = ["vehicle.mass", "control.position.k_p.0", "control.position.k_p.2", "laboratory.wind.0.velocity.0"]
+    assert sorted(many.varying) == sorted(random_paths)
     for i in (0, 13):
-        one = draw_sample(scenario, i, seed=9)
-        assert distributions_in(one) == {}
-        assert (one.seed, one.sample) == (9, i)
-        assert [value_at(one, path) for path in drawn] == [many.varying[path][i] for path in drawn]
-        assert one.control.position.k_p[1] == 0.8
-        assert one == many.vehicle_scenario(i)
-    assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
+        sample_scenario = draw_sample(scenario, i, seed=9)
+        assert distributions_in(sample_scenario) == {}
+        assert (sample_scenario.seed, sample_scenario.sample) == (9, i)
+        assert [value_at(sample_scenario, path) for path in random_paths] == [
+            many.varying[path][i] for path in random_paths
+        ]
+        assert sample_scenario.control.position.k_p[1] == 0.8
+        assert sample_scenario == many.vehicle_scenario(i)
+    assert sample_scenario.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
 def test_names_of_random_streams_count_rotors_from_0_although_paths_count_from_1(study):
@@ -66,16 +68,16 @@ def test_names_of_random_streams_count_rotors_from_0_although_paths_count_from_1
 
 def test_the_draw_of_a_field_does_not_depend_on_other_fields(study):
     mass, drag = "vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "vehicle.linear_drag={uniform: {min: 0, max: 0.3}}"
-    both, alone = (Batch.draw(scenario, range(50)).varying for scenario in (study(mass, drag), study(mass)))
-    np.testing.assert_array_equal(both["vehicle.mass"], alone["vehicle.mass"])
-    assert abs(np.corrcoef(both["vehicle.mass"], both["vehicle.linear_drag"])[0, 1]) < 0.5
+    with_drag, without_drag = (Batch.draw(scenario, range(50)).varying for scenario in (study(mass, drag), study(mass)))
+    np.testing.assert_array_equal(with_drag["vehicle.mass"], without_drag["vehicle.mass"])
+    assert abs(np.corrcoef(with_drag["vehicle.mass"], with_drag["vehicle.linear_drag"])[0, 1]) < 0.5
 
 
 def test_fields_without_distributions_are_not_changed(study):
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
-    drawn = Batch.draw(scenario, range(3)).vehicle_scenario(2)
-    assert drawn.control is scenario.control
-    assert drawn.vehicle.model_copy(update={"mass": 0.0}) == scenario.vehicle.model_copy(update={"mass": 0.0})
+    drawn_scenario = Batch.draw(scenario, range(3)).vehicle_scenario(2)
+    assert drawn_scenario.control is scenario.control
+    assert drawn_scenario.vehicle.model_copy(update={"mass": 0.0}) == scenario.vehicle.model_copy(update={"mass": 0.0})
 
 
 @pytest.mark.parametrize(
@@ -105,18 +107,18 @@ def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
     fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
     moments = np.array([batch.varying[field] for field in fields])
     distributions = distributions_in(scenario)
-    drawn = np.array(
+    drawn_moments = np.array(
         [distributions[field].quantile(parameter_numbers(0, range(2000), f"vehicle.inertia[{axis}]"))
          for axis, field in enumerate(fields)]
     )  # fmt: skip
-    rigid = 2.0 * drawn.max(axis=0) <= drawn.sum(axis=0)
+    rigid = 2.0 * drawn_moments.max(axis=0) <= drawn_moments.sum(axis=0)
     assert 0.1 < rigid.mean() < 0.9
-    np.testing.assert_array_equal(moments[:, rigid], drawn[:, rigid])
+    np.testing.assert_array_equal(moments[:, rigid], drawn_moments[:, rigid])
     np.testing.assert_allclose(2.0 * moments.max(axis=0)[~rigid], moments.sum(axis=0)[~rigid], rtol=1e-12)
     for sample in np.flatnonzero(~rigid)[:3].tolist():
-        alone = draw_sample(scenario, sample)
-        assert alone.vehicle.inertia == tuple(moments[:, sample].tolist())
-        Scenario.model_validate(alone.model_dump(mode="json"))
+        sample_scenario = draw_sample(scenario, sample)
+        assert sample_scenario.vehicle.inertia == tuple(moments[:, sample].tolist())
+        Scenario.model_validate(sample_scenario.model_dump(mode="json"))
 
 
 def test_only_random_moments_of_inertia_are_adjusted(study):
@@ -125,8 +127,8 @@ def test_only_random_moments_of_inertia_are_adjusted(study):
     varying = Batch.draw(scenario, range(500)).varying
     assert [*varying] == ["vehicle.inertia.0"]
     assert varying["vehicle.inertia.0"].min() == pytest.approx(0.005)
-    small = "{uniform: {min: 0.0, max: 0.001}}"
-    load = study(f"vehicle.payload={{mass: 0.1, inertia: [{small}, 0.0, 0.0004], time: 1, event: dropped}}")
+    small_moment = "{uniform: {min: 0.0, max: 0.001}}"
+    load = study(f"vehicle.payload={{mass: 0.1, inertia: [{small_moment}, 0.0, 0.0004], time: 1, event: dropped}}")
     moments = Batch.draw(load, range(100)).varying["vehicle.payload.inertia.0"]
     np.testing.assert_allclose(moments, 0.0004)
     assert median_scenario(
@@ -166,13 +168,16 @@ def test_fields_without_distributions_can_vary_in_a_batch(study):
         "control.position.k_p.1": np.array([1.0, 2.0, 3.0]),
         "laboratory.command_link.delay_ticks": np.array([0.0, 2.0, 1.0]),
     }
-    other = batch.with_varying(varying)
-    assert (len(other), other.samples, other.scenario) == (3, (4, 1, 7), batch.scenario)
+    changed_batch = batch.with_varying(varying)
+    assert (len(changed_batch), changed_batch.samples, changed_batch.scenario) == (3, (4, 1, 7), batch.scenario)
     for i in range(3):
-        own, before = other.vehicle_scenario(i), batch.vehicle_scenario(i)
-        assert own.control.position.k_p[1] == i + 1.0
-        assert own.laboratory.command_link.delay_ticks == varying["laboratory.command_link.delay_ticks"][i]
-        assert (own.vehicle, own.control.position.k_d) == (before.vehicle, before.control.position.k_d)
+        changed_scenario, original_scenario = changed_batch.vehicle_scenario(i), batch.vehicle_scenario(i)
+        assert changed_scenario.control.position.k_p[1] == i + 1.0
+        assert changed_scenario.laboratory.command_link.delay_ticks == varying["laboratory.command_link.delay_ticks"][i]
+        assert (changed_scenario.vehicle, changed_scenario.control.position.k_d) == (
+            original_scenario.vehicle,
+            original_scenario.control.position.k_d,
+        )
     assert [*batch.varying] == ["vehicle.mass"]
 
 

@@ -44,9 +44,9 @@ def load(controller, *overrides):
         (
             "inputs",
             "{error: null, error_rate: null}",
-            "inputs is .*, but must have one to four of error, .*, disturbance$",
+            "inputs is .*, but must have one to four of the inputs error, .*, disturbance$",
         ),
-        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must have one to four of"),
+        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must have one to four of the inputs"),
         ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must have 3 numbers, one for each centre"),
         ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must span less than one period"),
         ("inputs.phase", "{centres: [0, 0.4], widths: [0.3, 0.25]}", "sets at 0.4 and 1.0 overlap"),
@@ -64,7 +64,7 @@ def load(controller, *overrides):
         (
             "inputs.disturbance",
             "{}",
-            "disturbance .*must be left out: a position controller of kind pd estimates no disturbance",
+            "disturbance .*must be left out, since a position controller of kind pd estimates no disturbance",
         ),
         ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),
@@ -155,5 +155,8 @@ def test_geometric_control_is_the_published_law_by_default():
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)
-    other = load("pd", field, "control.attitude.transport_term=false", "control.attitude.euler_sequence=zxy")
-    assert (other.control.attitude.transport_term, other.control.attitude.euler_sequence) == (False, "zxy")
+    other_scenario = load("pd", field, "control.attitude.transport_term=false", "control.attitude.euler_sequence=zxy")
+    assert (other_scenario.control.attitude.transport_term, other_scenario.control.attitude.euler_sequence) == (
+        False,
+        "zxy",
+    )

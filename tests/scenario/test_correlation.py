@@ -107,16 +107,19 @@ def test_samples_of_shared_variables_agree_with_earlier_releases(study):
 
 def test_samples_of_a_field_do_not_depend_on_uncorrelated_fields(study):
     """Samples of the field stay the same if other correlated fields are added or removed."""
-    both = Batch.draw(study(*correlated_overrides()), range(20), seed=5).varying
-    alone = Batch.draw(study(correlated_overrides()[0]), range(20), seed=5).varying
-    np.testing.assert_array_equal(alone[MASS_FIELD], both[MASS_FIELD])
+    both_fields = Batch.draw(study(*correlated_overrides()), range(20), seed=5).varying
+    mass_only = Batch.draw(study(correlated_overrides()[0]), range(20), seed=5).varying
+    np.testing.assert_array_equal(mass_only[MASS_FIELD], both_fields[MASS_FIELD])
     number = Batch.draw(study(*correlated_overrides(), f"{LAG_FIELD}=0.05"), range(20), seed=5).varying
     assert [*number] == [MASS_FIELD, DRAG_FIELD]
-    np.testing.assert_array_equal(number[DRAG_FIELD], both[DRAG_FIELD])
-    one = draw_sample(study(*correlated_overrides()), 13, seed=5)
-    assert (one.vehicle.mass, one.vehicle.rotor_time_constant) == (both[MASS_FIELD][13], both[LAG_FIELD][13])
+    np.testing.assert_array_equal(number[DRAG_FIELD], both_fields[DRAG_FIELD])
+    sample_scenario = draw_sample(study(*correlated_overrides()), 13, seed=5)
+    assert (sample_scenario.vehicle.mass, sample_scenario.vehicle.rotor_time_constant) == (
+        both_fields[MASS_FIELD][13],
+        both_fields[LAG_FIELD][13],
+    )
     assert not np.any(
-        Batch.draw(study(*correlated_overrides()), range(20), seed=6).varying[MASS_FIELD] == both[MASS_FIELD]
+        Batch.draw(study(*correlated_overrides()), range(20), seed=6).varying[MASS_FIELD] == both_fields[MASS_FIELD]
     )
 
 
@@ -125,13 +128,13 @@ def test_only_fields_with_the_same_shared_variable_are_correlated(study):
 
     Two fields with correlations to different variables are independent.
     """
-    one, same, other = (
+    positive, negative, independent = (
         Batch.draw(study(*correlated_overrides("{a: 1.0}", shared, "")), range(200)).varying
         for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
     )
-    assert scipy.stats.spearmanr(one[MASS_FIELD], one[LAG_FIELD]).statistic == pytest.approx(1.0)
-    assert scipy.stats.spearmanr(same[MASS_FIELD], same[LAG_FIELD]).statistic == pytest.approx(-1.0)
-    assert abs(scipy.stats.spearmanr(other[MASS_FIELD], other[LAG_FIELD]).statistic) < 0.3
+    assert scipy.stats.spearmanr(positive[MASS_FIELD], positive[LAG_FIELD]).statistic == pytest.approx(1.0)
+    assert scipy.stats.spearmanr(negative[MASS_FIELD], negative[LAG_FIELD]).statistic == pytest.approx(-1.0)
+    assert abs(scipy.stats.spearmanr(independent[MASS_FIELD], independent[LAG_FIELD]).statistic) < 0.3
 
 
 def test_drawn_values_are_finite_for_any_number_of_shared_variables(study, monkeypatch):
@@ -168,7 +171,7 @@ def test_correlated_groups_include_indirect_correlations(study):
         ("{a: 0.8, b: 0.7}", "shared is {'a': 0.8, 'b': 0.7}, but must have correlations whose squares sum to at most"),
         ("{a: 1.1}", "shared.a is 1.1, but must be less than or equal to 1"),
         ("{a: heavy}", "shared.a is 'heavy', but must be a valid number"),
-        ("{my drone: 0.1}", "must not have the name 'my drone': the name of a shared variable has at most 60 letters"),
+        ("{my drone: 0.1}", "must not have the name 'my drone'; the name of a shared variable must consist of at most"),
         ("[a]", "is ['a'], but must be a mapping from names to numbers"),
     ],
 )
@@ -219,8 +222,10 @@ def test_an_extension_replaces_the_distribution_of_one_field_only(study, diagram
     light = distributions_in(load_scenario(f"{path}:light"))
     assert set(light) == {LAG_FIELD, DRAG_FIELD}
     assert light[LAG_FIELD].normal.shared == {}
-    whole, part = (Batch.draw(load_scenario(f"{path}:{name}"), range(9)).varying for name in ("base", "light"))
-    np.testing.assert_array_equal(part[DRAG_FIELD], whole[DRAG_FIELD])
+    base_values, extended_values = (
+        Batch.draw(load_scenario(f"{path}:{name}"), range(9)).varying for name in ("base", "light")
+    )
+    np.testing.assert_array_equal(extended_values[DRAG_FIELD], base_values[DRAG_FIELD])
 
 
 def normals(distributions):

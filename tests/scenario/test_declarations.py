@@ -28,20 +28,20 @@ def is_refused(model, path, declared, value):
     must be refused for each item.
     """
     first, *steps = path.split(".")
-    whole = [value] * declared.items if declared.items else value
+    fields = [value] * declared.items if declared.items else value
     for step in reversed(steps):
-        whole = {step: whole}
+        fields = {step: fields}
     refusals = set()
     for kind in TESTED_KINDS.get(first, [None]):
         if kind is not None and first == "autopilot" and steps[0] not in AUTOPILOTS.members[kind].model_fields:
             continue
         try:
-            model.model_validate({first: whole if kind is None else {"kind": kind, **whole}})
+            model.model_validate({first: fields if kind is None else {"kind": kind, **fields}})
             errors = []
         except ValidationError as error:
             errors = [each["loc"] for each in error.errors() if each["type"] != "missing"]
-        own = [loc for loc in errors if [step for step in loc if step in {first, *steps}] == [first, *steps]]
-        refusing_items = {next((step for step in loc if isinstance(step, int)), 0) for loc in own}
+        errors_at_path = [loc for loc in errors if [step for step in loc if step in {first, *steps}] == [first, *steps]]
+        refusing_items = {next((step for step in loc if isinstance(step, int)), 0) for loc in errors_at_path}
         assert len(refusing_items) in (0, max(1, declared.items))
         refusals.add(bool(refusing_items))
     (is_refused_by_all,) = refusals

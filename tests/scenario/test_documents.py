@@ -60,7 +60,7 @@ def test_an_anchor_may_be_defined_again():
         ("a: !mine 1", "file.yaml:1: the tag !mine is not allowed"),
         ("a: *x\nb: &x 1", r"file.yaml:1: is not YAML: the alias \*x must come after the value with its anchor"),
         ("a: &x\n  b: *x", r"file.yaml:2: is not YAML: the alias \*x must come after the value with its anchor"),
-        ("? [1]\n: 2", "file.yaml:1: a field's name must be text"),
+        ("? [1]\n: 2", "file.yaml:1: the name of a field must be text"),
         ("a: 1\n\n---\nb: 2", "file.yaml:3: is not YAML: expected a single document, but another begins here"),
         ("a: [1\nb: 2", "file.yaml:2: is not YAML: did not find expected ',' or ']'"),
         ("a: 1\nb: \x07", r"file.yaml:2: is not YAML: it contains the character '\\x07', which YAML does not allow"),

@@ -19,10 +19,10 @@ CORRELATED_FIELDS = {
 }
 
 
-def scenario(kind, size=64, **more):
+def scenario(kind, size=64, **fields):
     draws = None if kind is None else {"kind": kind, "size": size}
     return load_scenario(
-        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED_FIELDS, **more}.items()]
+        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED_FIELDS, **fields}.items()]
     ).model_copy(update={"draws": draws and DesignedDraws(**draws)})
 
 
@@ -33,37 +33,41 @@ def points(kind, size, samples, names=("a", "b", "c"), seed=5):
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_each_replicate_has_one_number_in_each_of_its_equal_intervals(kind):
-    found = points(kind, 32, range(96)).reshape(3, 32, 3)
+    result = points(kind, 32, range(96)).reshape(3, 32, 3)
     expected = np.broadcast_to(np.arange(32)[:, None], (32, 3))
-    for replicate in found:
+    for replicate in result:
         np.testing.assert_array_equal(np.sort(np.floor(32 * replicate), axis=0), expected)
-    assert len(np.unique(found)) == found.size
+    assert len(np.unique(result)) == result.size
 
 
 def test_a_replicate_of_a_sobol_sequence_covers_pairs_of_numbers_evenly():
     """In the plane of the first two numbers, each dyadic rectangle of area 2^-k contains one of 2^k points."""
-    found = points("sobol", 64, range(64), ("a", "b"))
+    result = points("sobol", 64, range(64), ("a", "b"))
     for first in range(7):
-        cells = np.floor(found * (2**first, 2 ** (6 - first)))
+        cells = np.floor(result * (2**first, 2 ** (6 - first)))
         assert len(np.unique(cells, axis=0)) == 64
 
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_numbers_are_uniform_over_all_replicates(kind):
-    found = np.concatenate([points(kind, 4, range(400), seed=seed) for seed in range(5)])
-    for column in found.T:
+    result = np.concatenate([points(kind, 4, range(400), seed=seed) for seed in range(5)])
+    for column in result.T:
         assert scipy.stats.kstest(column, "uniform").pvalue > 0.01
-    assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 0.06
+    assert np.abs(np.corrcoef(result.T) - np.eye(3)).max() < 0.06
 
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_a_sample_does_not_depend_on_its_batch(kind):
-    whole = Batch.draw(scenario(kind), range(200))
+    full_batch = Batch.draw(scenario(kind), range(200))
     part = Batch.draw(scenario(kind), [150, 3, 64])
-    for path, values in whole.varying.items():
+    for path, values in full_batch.varying.items():
         np.testing.assert_array_equal(part.varying[path], values[[150, 3, 64]])
-    drawn = part.vehicle_scenario(1)
-    assert (drawn.vehicle.mass, drawn.sample, drawn.draws) == (whole.varying["vehicle.mass"][3], 3, None)
+    sample_scenario = part.vehicle_scenario(1)
+    assert (sample_scenario.vehicle.mass, sample_scenario.sample, sample_scenario.draws) == (
+        full_batch.varying["vehicle.mass"][3],
+        3,
+        None,
+    )
     assert part.noise_samples.indices == (150, 3, 64)
 
 
@@ -73,8 +77,8 @@ def test_designed_draws_have_the_distributions_and_correlations_of_the_scenario(
     designed, independent = (Batch.draw(scenario(each), range(4096)).varying for each in (kind, None))
     for name in names:
         assert scipy.stats.ks_2samp(designed[name], independent[name]).pvalue > 0.01
-    found, expected = (np.corrcoef([each[name] for name in names]) for each in (designed, independent))
-    np.testing.assert_allclose(found, expected, atol=0.05)
+    result, expected = (np.corrcoef([each[name] for name in names]) for each in (designed, independent))
+    np.testing.assert_allclose(result, expected, atol=0.05)
     assert len(coordinates(scenario(kind))) == 4
 
 
@@ -96,11 +100,11 @@ def test_fields_of_a_latin_hypercube_do_not_depend_on_other_fields():
 
 
 def test_scenarios_whose_samples_do_not_correspond_cannot_be_compared_in_pairs():
-    more = {"vehicle.quadratic_drag": {"uniform": {"min": 0.0, "max": 0.1}}}
+    additional_field = {"vehicle.quadratic_drag": {"uniform": {"min": 0.0, "max": 0.1}}}
     with pytest.raises(
         InputError, match=r"second and first have different random parameters \(vehicle.quadratic_drag\)"
     ):
-        check_pairs({"first": scenario("sobol"), "second": scenario("sobol", **more)})
+        check_pairs({"first": scenario("sobol"), "second": scenario("sobol", **additional_field)})
     with pytest.raises(InputError, match="second and first have different draws"):
         check_pairs({"first": scenario("sobol"), "second": scenario(None)})
 

@@ -87,13 +87,13 @@ def test_invalid_effects_are_refused_with_a_reason_in_one_sentence(load, overrid
 def test_a_vehicle_has_the_nominal_motors_by_default(load):
     scenario = load(f"nominal.motors={THROTTLE_MOTORS}")
     assert scenario.vehicle.motors.curve == scenario.nominal.motors.curve == (0.1, 1.0, 2.8)
-    own = load(
+    with_own_motors = load(
         f"nominal.motors={THROTTLE_MOTORS}", "vehicle.motors={kind: throttle, curve: [0.02, -0.1, {choice: [2, 3]}]}"
     )
-    assert own.vehicle.motors.curve[:2] == (0.02, -0.1)
+    assert with_own_motors.vehicle.motors.curve[:2] == (0.02, -0.1)
 
 
 def test_the_empty_voltage_may_equal_the_smallest_full_voltage(load):
-    full, empty = "{uniform: {min: 10.2, max: 12.6}}", "{uniform: {min: 9, max: 10.2}}"
-    battery = BATTERY.replace("10.2", empty).replace("12.6", full)
+    full_voltage, empty_voltage = "{uniform: {min: 10.2, max: 12.6}}", "{uniform: {min: 9, max: 10.2}}"
+    battery = BATTERY.replace("10.2", empty_voltage).replace("12.6", full_voltage)
     assert load(f"vehicle.battery={{{battery}}}").vehicle.battery.empty_voltage.uniform.max == 10.2

@@ -130,7 +130,7 @@ def with_attitude_response(tree):
 
 
 @functools.cache
-def seeds():
+def base_scenarios():
     """Return scenarios that together contain every kind of route, wind, autopilot, controller and law, and every field.
 
     The scenarios are loaded on first use, so that the collection of tests does not load them.
@@ -226,7 +226,7 @@ odd_values = st.one_of(
 def values_near(number):
     """Return a Hypothesis strategy for multiples of a number, and for distributions around the number."""
     low, high = sorted((0.9 * number, 1.1 * number))
-    about = [
+    distributions = [
         {"uniform": {"min": low, "max": high}},
         {"log_uniform": {"min": low, "max": high}},
         {"choice": [low, high]},
@@ -234,7 +234,7 @@ def values_near(number):
         {"normal": {"mean": number, "standard_deviation": 0.1, "min": low, "max": high, "shared": {"a": -0.8}}},
     ]
     powers = st.integers(-12, 12).map(lambda power: (number or 1.0) * 10.0**power)
-    return st.one_of(powers, powers, powers, st.sampled_from([-number, 0, 2 * number, *about]))
+    return st.one_of(powers, powers, powers, st.sampled_from([-number, 0, 2 * number, *distributions]))
 
 
 def is_number(value):
@@ -244,8 +244,8 @@ def is_number(value):
 @st.composite
 def varied_trees(draw):
     """Draw a scenario in which only numbers differ, so that most scenarios can be flown."""
-    tree = copy.deepcopy(draw(st.sampled_from(seeds())))
-    numbers = [place for place in paths_in(tree) if is_number(part_at(tree, place))]
+    tree = copy.deepcopy(draw(st.sampled_from(base_scenarios())))
+    numbers = [number_path for number_path in paths_in(tree) if is_number(part_at(tree, number_path))]
     for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
         parent = part_at(tree, path[:-1])
         parent[path[-1]] = copy.deepcopy(draw(values_near(parent[path[-1]])))
@@ -254,9 +254,9 @@ def varied_trees(draw):
 
 @st.composite
 def mutated_trees(draw):
-    tree = copy.deepcopy(draw(st.sampled_from(seeds())))
+    tree = copy.deepcopy(draw(st.sampled_from(base_scenarios())))
     for _ in range(draw(st.integers(1, 3))):
-        path = draw(st.sampled_from([place for place in paths_in(tree) if place] or [("name",)]))
+        path = draw(st.sampled_from([each_path for each_path in paths_in(tree) if each_path] or [("name",)]))
         parent, last = part_at(tree, path[:-1]), path[-1]
         if last not in (parent if isinstance(parent, dict) else range(len(parent))):
             continue
@@ -335,10 +335,10 @@ def assert_flies_or_is_refused(scenario):
 def folder(tmp_path_factory):
     """Work in an empty folder during the tests, so that messages contain short paths, as for a user."""
     path = tmp_path_factory.mktemp("fuzz")
-    before = Path.cwd()
+    previous_folder = Path.cwd()
     os.chdir(path)
     yield path
-    os.chdir(before)
+    os.chdir(previous_folder)
 
 
 @pytest.mark.long
@@ -468,18 +468,18 @@ def test_a_mutated_waypoint_table_is_planned_or_refused_in_one_sentence(folder, 
             assert np.isfinite(evaluate(plan.path, np.linspace(*plan.path.times[[0, -1]], 50))).all()
 
 
-def field_path(place):
-    return ".".join(map(str, place))
+def field_path(path):
+    return ".".join(map(str, path))
 
 
 known_paths = st.deferred(
-    lambda: st.sampled_from([field_path(place) for seed in seeds() for place in paths_in(seed) if place])
+    lambda: st.sampled_from([field_path(path) for seed in base_scenarios() for path in paths_in(seed) if path])
 )
 odd_assignments = st.one_of(
     st.tuples(known_paths, odd_values.map(yaml_of)).map("=".join),
     st.tuples(known_paths, st.text(max_size=6)).map("=".join),
     st.tuples(odd_texts, odd_values.map(yaml_of)).map("=".join),
-    known_paths.flatmap(lambda place: mutated_texts(f"{place}=1.0")),
+    known_paths.flatmap(lambda path: mutated_texts(f"{path}=1.0")),
     odd_texts,
 )
 
@@ -487,11 +487,11 @@ odd_assignments = st.one_of(
 @st.composite
 def scenarios_with_overrides(draw):
     """Draw a scenario and overrides, most of which change its numbers."""
-    tree = draw(st.sampled_from(seeds()))
-    numbers = [place for place in paths_in(tree) if is_number(part_at(tree, place))]
+    tree = draw(st.sampled_from(base_scenarios()))
+    numbers = [path for path in paths_in(tree) if is_number(part_at(tree, path))]
     overrides = []
-    for place in draw(st.lists(st.sampled_from(numbers), max_size=3)):
-        overrides.append(f"{field_path(place)}={yaml_of(draw(values_near(part_at(tree, place))))}")
+    for path in draw(st.lists(st.sampled_from(numbers), max_size=3)):
+        overrides.append(f"{field_path(path)}={yaml_of(draw(values_near(part_at(tree, path))))}")
     odd = draw(st.lists(odd_assignments, min_size=0 if overrides else 1, max_size=1))
     return tree, [*overrides, *odd]
 

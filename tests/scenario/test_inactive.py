@@ -101,8 +101,10 @@ def remarks_on_inactive(scenario):
     ("base", "overrides", "path", "value", "reason"), INACTIVE_CASES, ids=lambda each: str(each)[:40]
 )
 def test_the_remark_on_an_inactive_setting_gives_the_reason(base, overrides, path, value, reason):
-    before = remarks_on_inactive(loaded(base, overrides))
-    (remark,) = [each for each in remarks_on_inactive(loaded(base, {**overrides, path: value})) if each not in before]
+    earlier_remarks = remarks_on_inactive(loaded(base, overrides))
+    (remark,) = [
+        each for each in remarks_on_inactive(loaded(base, {**overrides, path: value})) if each not in earlier_remarks
+    ]
     assert remark.startswith(path)
     assert " no effect, since " in remark
     assert reason in remark
@@ -142,19 +144,19 @@ def test_settings_with_the_same_reason_share_a_remark():
 
 
 def test_remarks_on_a_scenario_with_a_random_route_do_not_require_a_plan():
-    drawn = {"route.position.0": {"uniform": {"min": 0.0, "max": 1.0}}, "laboratory.wind": [GUST], **WITH_DRAG}
-    assert flight_remarks(loaded("hover", drawn)) == ()
+    overrides = {"route.position.0": {"uniform": {"min": 0.0, "max": 1.0}}, "laboratory.wind": [GUST], **WITH_DRAG}
+    assert flight_remarks(loaded("hover", overrides)) == ()
 
 
 def test_a_user_s_kind_can_declare_which_fields_another_field_needs():
-    class Own(Model):
+    class UserKind(Model):
         rate: Number = 0.0
         limit: Annotated[Number, needs("rate")] = 1.0
         law: Literal["sign", "slope"] = "sign"
         slope: Annotated[Number, needs("law", value="slope")] = 1.0
 
     def reasons(**fields):
-        return [tuple(each) for each in Own(**fields).inactive_settings(None, "control")]
+        return [tuple(each) for each in UserKind(**fields).inactive_settings(None, "control")]
 
     assert reasons() == reasons(rate=1.0, limit=2.0, law="slope", slope=3.0) == []
     assert reasons(limit=2.0) == [("control.limit", "control.rate is 0")]

@@ -44,7 +44,7 @@ def test_the_schema_accepts_the_examples_on_the_pages(block):
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "invalid_text",
     [
         "a: {vehicle: {weight: 1.0}}",
         "a: {vehicle: {mass: heavy}}",
@@ -57,8 +57,8 @@ def test_the_schema_accepts_the_examples_on_the_pages(block):
         "a: 3",
     ],
 )
-def test_the_schema_rejects_invalid_files(wrong):
-    assert schema_errors(wrong)
+def test_the_schema_rejects_invalid_files(invalid_text):
+    assert schema_errors(invalid_text)
 
 
 UNIFORM_YAML = "{uniform: {min: 0.1, max: 0.2}}"

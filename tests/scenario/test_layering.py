@@ -36,9 +36,9 @@ x500:
 def load(tmp_path):
     """Return a function that loads a scenario with a list of layers, from a file with further scenarios."""
 
-    def loader(*layers, own="", beside="", overrides=(), undesigned=False):
+    def loader(*layers, own_fields="", other_scenarios="", overrides=(), undesigned=False):
         path = tmp_path / "mixed.yaml"
-        path.write_text(f"{beside}\nmixed:\n  extends: [{', '.join(layers)}]\n{own}")
+        path.write_text(f"{other_scenarios}\nmixed:\n  extends: [{', '.join(layers)}]\n{own_fields}")
         return (load_undesigned if undesigned else load_scenario)(f"{path}:mixed", overrides)
 
     return loader
@@ -58,27 +58,30 @@ def test_a_vehicle_layer_replaces_the_vehicle_of_lower_layers_completely(load, f
 @pytest.mark.parametrize("laboratory", LABORATORY_SCENARIOS)
 @pytest.mark.parametrize("vehicle", VEHICLE_FILES)
 def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
-    alone = load(vehicle, undesigned=True)
+    vehicle_only = load(vehicle, undesigned=True)
     for layers in ((laboratory, vehicle), (vehicle, laboratory)):
         mixed = load(*layers, undesigned=True)
-        assert mixed.nominal == alone.nominal
-        drawn = {path for path in distributions_in(mixed) if path.startswith("vehicle.")}
-        assert bool(drawn) == (laboratory == "robustness")
+        assert mixed.nominal == vehicle_only.nominal
+        random_paths = {path for path in distributions_in(mixed) if path.startswith("vehicle.")}
+        assert bool(random_paths) == (laboratory == "robustness")
         assert all(" no effect, since " in remark for remark in flight_remarks(mixed))
 
 
 @pytest.mark.parametrize("vehicle", VEHICLE_FILES)
 def test_the_order_of_the_layers_robustness_and_vehicle_does_not_matter(load, vehicle):
-    over, under = load(vehicle, "robustness", undesigned=True), load("robustness", vehicle, undesigned=True)
-    assert over.vehicle.model_dump() == under.vehicle.model_dump()
-    assert over.nominal == under.nominal
+    vehicle_first, robustness_first = (
+        load(vehicle, "robustness", undesigned=True),
+        load("robustness", vehicle, undesigned=True),
+    )
+    assert vehicle_first.vehicle.model_dump() == robustness_first.vehicle.model_dump()
+    assert vehicle_first.nominal == robustness_first.nominal
 
 
 def test_relative_distributions_scale_with_the_vehicle(load):
-    paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500_SCENARIO)
+    paper, scaled = load_scenario("robustness"), load("x500", "robustness", other_scenarios=X500_SCENARIO)
     fractions = np.linspace(0.01, 0.99, 9)
     arm = 0.5 * 0.348 * np.sqrt(2.0)
-    for get, ratio in (
+    for field_of, ratio in (
         (lambda vehicle: vehicle.mass, 2.0 / 0.68),
         (lambda vehicle: vehicle.inertia[0], 0.0217 / 0.007),
         (lambda vehicle: vehicle.inertia[2], 0.040 / 0.012),
@@ -87,10 +90,10 @@ def test_relative_distributions_scale_with_the_vehicle(load):
         (lambda vehicle: vehicle.thrust_factor_error[3], 1.0),
         (lambda vehicle: vehicle.battery_sag, 1.0),
     ):
-        expected = ratio * get(paper.vehicle).quantile(fractions)
-        np.testing.assert_allclose(get(mine.vehicle).quantile(fractions), expected, rtol=1e-12, atol=1e-18)
-    assert tuple(mine.vehicle.rotor_time_constant_down.extremes()) == pytest.approx((0.015, 0.04))
-    assert tuple(mine.vehicle.body_drag.linear[2].extremes()) == pytest.approx((0.16, 0.24))
+        expected = ratio * field_of(paper.vehicle).quantile(fractions)
+        np.testing.assert_allclose(field_of(scaled.vehicle).quantile(fractions), expected, rtol=1e-12, atol=1e-18)
+    assert tuple(scaled.vehicle.rotor_time_constant_down.extremes()) == pytest.approx((0.015, 0.04))
+    assert tuple(scaled.vehicle.body_drag.linear[2].extremes()) == pytest.approx((0.16, 0.24))
 
 
 def test_relative_distributions_in_robustness_yaml_apply_unchanged_to_the_paper_s_vehicle():
@@ -117,10 +120,10 @@ def test_a_relative_choice_scales_each_of_its_values(load):
 
 
 def test_a_relative_distribution_over_another_distribution_is_relative_to_its_median(load):
-    own = "  vehicle: {mass: {relative: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5}}}}\n"
+    own_fields = "  vehicle: {mass: {relative: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5}}}}\n"
     measured = "{normal: {mean: 0.8, standard_deviation: 0.01, min: 0.7}}"
-    beside = f"measured: {{extends: figure_eight, vehicle: {{mass: {measured}}}}}\n"
-    mass = load("measured", own=own, beside=beside).vehicle.mass.normal
+    other_scenarios = f"measured: {{extends: figure_eight, vehicle: {{mass: {measured}}}}}\n"
+    mass = load("measured", own_fields=own_fields, other_scenarios=other_scenarios).vehicle.mass.normal
     assert (mass.mean, mass.standard_deviation) == pytest.approx((0.8, 0.08), rel=1e-9)
 
 
@@ -150,7 +153,7 @@ def test_a_single_item_of_a_list_can_be_a_relative_distribution(field, expected)
 
 def test_only_list_items_with_relative_distributions_apply_to_another_vehicle(load):
     spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {RELATIVE_UNIFORM}]}}}}\n"
-    i_xx, i_yy, i_zz = load("spread", "x500", beside=X500_SCENARIO + spread).vehicle.inertia
+    i_xx, i_yy, i_zz = load("spread", "x500", other_scenarios=X500_SCENARIO + spread).vehicle.inertia
     assert (i_xx, i_yy) == (0.0217, 0.0217)
     assert tuple(i_zz.extremes()) == pytest.approx((0.036, 0.044))
 
@@ -160,8 +163,8 @@ def test_a_vehicle_layer_keeps_only_the_relative_distributions_of_lower_layers(l
     """The items without a relative distribution become 0. Neither field has a nominal value."""
     items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
-    _, *others = getattr(load("spread", "x500", beside=X500_SCENARIO + spread).vehicle, field)
-    assert others == [0.0] * (count - 1)
+    _, *other_items = getattr(load("spread", "x500", other_scenarios=X500_SCENARIO + spread).vehicle, field)
+    assert other_items == [0.0] * (count - 1)
 
 
 @pytest.mark.parametrize(
@@ -180,16 +183,16 @@ def test_a_relative_distribution_of_a_required_field_needs_a_base_value(field, p
 
 
 def test_a_number_replaces_a_relative_distribution_of_a_lower_layer(load):
-    assert load("robustness", own="  vehicle: {mass: 0.7}\n").vehicle.mass == 0.7
+    assert load("robustness", own_fields="  vehicle: {mass: 0.7}\n").vehicle.mass == 0.7
     assert load_scenario("robustness", ["vehicle.mass=0.7"]).vehicle.mass == 0.7
 
 
 def test_gravity_and_integration_settings_remain_when_the_vehicle_is_replaced(load):
-    beside = X500_SCENARIO + (
+    other_scenarios = X500_SCENARIO + (
         "flight: {extends: onboard, vehicle: {payload: {mass: 0.1, position: [0, 0, -0.1], time: 2.0, event: dropped}},"
         " nominal: {gravity: 3.7}}\n"
     )
-    mixed = load("flight", "x500", beside=beside)
+    mixed = load("flight", "x500", other_scenarios=other_scenarios)
     assert mixed.vehicle.time_step == 0.0025
     assert mixed.vehicle.payload.mass == 0.1
     assert mixed.nominal.gravity == 3.7
@@ -198,20 +201,22 @@ def test_gravity_and_integration_settings_remain_when_the_vehicle_is_replaced(lo
 
 def test_an_identified_response_is_replaced_together_with_its_vehicle(load):
     assert (
-        load("vehicles/crazyflie_onboard", "x500", beside=X500_SCENARIO, undesigned=True).laboratory.autopilot.kind
+        load(
+            "vehicles/crazyflie_onboard", "x500", other_scenarios=X500_SCENARIO, undesigned=True
+        ).laboratory.autopilot.kind
         == "none"
     )
-    assert load("onboard", "x500", beside=X500_SCENARIO).laboratory.autopilot.kind == "attitude"
+    assert load("onboard", "x500", other_scenarios=X500_SCENARIO).laboratory.autopilot.kind == "attitude"
 
 
 def test_a_layer_with_few_vehicle_fields_modifies_the_vehicle_of_lower_layers(load):
-    mixed = load("vehicles/racer", "laboratory:low_wind", own="  vehicle: {mass: 0.8}\n", undesigned=True)
+    mixed = load("vehicles/racer", "laboratory:low_wind", own_fields="  vehicle: {mass: 0.8}\n", undesigned=True)
     assert (mixed.nominal.mass, mixed.vehicle.mass, mixed.vehicle.rotor_time_constant) == (0.75, 0.8, 0.033)
 
 
 def test_the_default_vehicle_is_used_if_no_layer_describes_a_vehicle(load):
     assert load("laboratory:nominal").vehicle.linear_drag == 0.1
-    assert load("laboratory:nominal", own="  nominal: {mass: 0.7}\n").nominal.mass == 0.7
+    assert load("laboratory:nominal", own_fields="  nominal: {mass: 0.7}\n").nominal.mass == 0.7
     assert load("figure_eight").vehicle.linear_drag == 0.0
 
 
@@ -235,7 +240,7 @@ def test_an_incomplete_vehicle_is_refused(load, missing):
     """A `nominal` with mass and inertia, or with most fields, describes another vehicle, which requires all fields."""
     lines = [line for line in X500_SCENARIO.splitlines() if line.split(":")[0].strip() not in missing]
     with pytest.raises(InputError, match=rf"nominal describes a vehicle, but without .*{missing[0]}"):
-        load("x500", "robustness", beside="\n".join(lines) + "\n")
+        load("x500", "robustness", other_scenarios="\n".join(lines) + "\n")
 
 
 CONTROLLER_LAYERS = [
@@ -248,24 +253,27 @@ CONTROLLER_LAYERS = [
 
 @pytest.mark.parametrize("controller", CONTROLLER_LAYERS)
 def test_a_control_with_a_kind_replaces_the_control_of_lower_layers_completely(load, controller):
-    alone = load("figure_eight", controller).control
+    controller_only = load("figure_eight", controller).control
     for base in ("robustness", "controllers/paper:pd_t2fnn", "controllers/mpc:mpc"):
-        assert load("figure_eight", base, controller).control == alone
+        assert load("figure_eight", base, controller).control == controller_only
 
 
 def test_a_control_without_a_kind_modifies_the_control_of_lower_layers(load):
-    mixed = load("robustness", own="  control: {position: {k_p: [1.0, 1.0, 6.0]}}\n")
+    mixed = load("robustness", own_fields="  control: {position: {k_p: [1.0, 1.0, 6.0]}}\n")
     assert mixed.control.position.k_p == (1.0, 1.0, 6.0)
     assert mixed.control.network is not None
 
 
 def test_duration_and_metrics_window_are_replaced_together_with_the_route(load):
     assert load_scenario("vehicles/neural_fly:still").metrics.start > 0.0
-    beside = "longer: {extends: vehicles/neural_fly:still, duration: 70}\n"
-    mixed = load("longer", own="  route: {kind: hover}\n", beside=beside)
+    other_scenarios = "longer: {extends: vehicles/neural_fly:still, duration: 70}\n"
+    mixed = load("longer", own_fields="  route: {kind: hover}\n", other_scenarios=other_scenarios)
     assert (mixed.metrics.start, mixed.duration) == (0.0, None)
-    kept = load("longer", own="  route: {laps: 9}\n", beside=beside)
-    assert (kept.metrics.start, kept.duration) == (load_scenario("vehicles/neural_fly:still").metrics.start, 70.0)
+    same_route = load("longer", own_fields="  route: {laps: 9}\n", other_scenarios=other_scenarios)
+    assert (same_route.metrics.start, same_route.duration) == (
+        load_scenario("vehicles/neural_fly:still").metrics.start,
+        70.0,
+    )
 
 
 def test_crash_limits_of_one_laboratory_do_not_apply_in_another(load):
@@ -318,10 +326,10 @@ def test_a_flight_reports_that_nominal_differs_from_its_vehicle():
 
 def test_a_layout_with_rotor_distances_replaces_the_arm_length_of_lower_layers(load):
     layout = "{kind: x, length: 0.3, width: 0.2}"
-    assert load("laboratory:nominal", own=f"  nominal: {{layout: {layout}}}\n").nominal.layout.length == 0.3
+    assert load("laboratory:nominal", own_fields=f"  nominal: {{layout: {layout}}}\n").nominal.layout.length == 0.3
     assert load_scenario("laboratory:nominal", [f"nominal.layout={layout}"]).vehicle.layout.width == 0.2
     with pytest.raises(InputError, match=r"arm_length is 0\.17, but must be 0\.1803"):
-        load("laboratory:nominal", own=f"  nominal: {{layout: {layout}, arm_length: 0.17}}\n")
+        load("laboratory:nominal", own_fields=f"  nominal: {{layout: {layout}, arm_length: 0.17}}\n")
 
 
 @pytest.mark.parametrize(
@@ -346,9 +354,9 @@ def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
         {"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, ROTOR_DIRECTIONS, strict=True)
     ]
     rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
-    drawn = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
-    assert flight_remarks(load_scenario("figure_eight", drawn)) == ()
-    (remark,) = flight_remarks(load_scenario("figure_eight", {**drawn, "vehicle.centre_of_mass": [-0.02, 0.0]}))
+    random_layout = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
+    assert flight_remarks(load_scenario("figure_eight", random_layout)) == ()
+    (remark,) = flight_remarks(load_scenario("figure_eight", {**random_layout, "vehicle.centre_of_mass": [-0.02, 0.0]}))
     assert "use: centre_of_mass.0 -0.02 m (nominal 0);" in remark
     uncertain = {"vehicle.arm_length": {"uniform": {"min": 0.3, "max": 0.4}}}
     assert flight_remarks(load_scenario("figure_eight", uncertain)) == ()

@@ -33,7 +33,7 @@ class DiamondLayout(RotorLayout):
 
     kind: Literal["diamond"]
     is_paired: ClassVar = True
-    has_sides: ClassVar = False
+    has_side_bars: ClassVar = False
     has_distances: ClassVar = False
 
     def rotors_of(self, airframe):

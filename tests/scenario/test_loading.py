@@ -169,7 +169,7 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("  name: a/b", "6: name is 'a/b', but must match"),
         ("  vehicle: !!python/object:os.system {}", "6: the tag .* is not allowed"),
         ("  vehicle: &v {mass: *v}", r"6: is not YAML: the alias \*v must come after the value with its anchor"),
-        ("  3: 4", "6: a field's name must be text"),
+        ("  3: 4", "6: the name of a field must be text"),
         ("  vehicle: {mass: 0.7", "is not YAML"),
         ("\t- x", "is not YAML"),
     ],
@@ -209,7 +209,7 @@ FAN_FIELDS = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN_FIELDS}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind.0.direction is .* a component whose magnitude is always larger than",
+            r"wind.0.direction is .* a component whose magnitude is at least",
         ),
         (f"wind: [{{{FAN_FIELDS}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
@@ -222,7 +222,7 @@ FAN_FIELDS = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN_FIELDS}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind.0.direction is .* must have a component whose magnitude is always larger than",
+            r"wind.0.direction is .* must have a component whose magnitude is at least",
         ),
         ("wind: [{kind: dryden, height: 2}]", r"wind.0.height is 2, but must be at least 3.048 and at most 304.8"),
         ("wind: [{kind: dryden, airspeed: 0.3}]", r"wind.0.airspeed is 0.3, but must be at least 1"),
@@ -274,11 +274,11 @@ def test_a_vehicle_has_the_nominal_parameters_by_default(write):
     assert refusal(write, text, "nominal.mass={choice: [1, 2]}").endswith("but must be a valid number")
 
 
-def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
+def rotors(turns="clockwise anticlockwise clockwise anticlockwise", shift=0.0):
     """Return four rotors on the corners of a square as YAML, with the given directions of rotation."""
     corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
     rotor_texts = [
-        f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
+        f"{{position: [{x + shift}, {y}, 0], turns: {turn}}}"
         for (x, y), turn in zip(corners, turns.split(), strict=True)
     ]
     return f"{{kind: rotors, rotors: [{', '.join(rotor_texts)}]}}"
@@ -324,18 +324,19 @@ def test_an_invalid_layout_is_refused_in_one_sentence(write, airframe, message, 
 
 
 def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
-    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{layout: {rotors(shift=0.2)}}}\n"
     assert "layout is" in (message := refusal(write, text))
     assert message.endswith("but must produce thrust without torque: rotor 1 would have to push down")
-    drawn = "{uniform: {min: 0.1, max: 0.2}}"
-    message = refusal(write, f"a:\n{MINIMAL_FIELDS}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
+    distribution = "{uniform: {min: 0.1, max: 0.2}}"
+    message = refusal(write, f"a:\n{MINIMAL_FIELDS}", f"nominal.layout={{kind: x, length: {distribution}, width: 0.2}}")
     assert message.endswith("but must be a number, since planner and controllers use it")
     vehicle = load_scenario(
-        write(f"a:\n{MINIMAL_FIELDS}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]
+        write(f"a:\n{MINIMAL_FIELDS}"), [f"vehicle.layout={{kind: x, length: {distribution}, width: 0.2}}"]
     ).vehicle
     assert [*distributions_in(vehicle)] == ["layout.length"]
     message = refusal(
-        write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
+        write,
+        f"a:\n{MINIMAL_FIELDS}  vehicle: {{arm_length: {distribution}, layout: {{kind: h, length: 1, width: 1}}}}\n",
     )
     assert message.endswith("but must be left out, since the distances in the layout determine it")
 
@@ -379,10 +380,10 @@ def test_a_saved_layout_with_rotor_distances_has_no_arm_length_and_the_same_roto
     save_scenario(scenario, tmp_path / "saved.yaml")
     saved = YAML(typ="safe").load(tmp_path / "saved.yaml")["a"]
     assert ("arm_length" in saved["nominal"], "arm_length" in saved["vehicle"]) == has_arm_length
-    again = load_scenario(tmp_path / "saved.yaml")
-    assert again.model_dump() == scenario.model_dump()
+    loaded_scenario = load_scenario(tmp_path / "saved.yaml")
+    assert loaded_scenario.model_dump() == scenario.model_dump()
     for name in ("nominal", "vehicle"):
-        assert rotors_of(getattr(again, name)) == rotors_of(getattr(scenario, name))
+        assert rotors_of(getattr(loaded_scenario, name)) == rotors_of(getattr(scenario, name))
 
 
 def test_rotors_have_the_positions_of_their_layout(write):
@@ -534,7 +535,7 @@ def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nom
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], heading: waypoints}",
-            r"2: route.heading is 'waypoints', but requires a yaw",
+            r"2: route.heading is 'waypoints', but must not be `waypoints`, since no waypoint has a yaw",
         ),
         ("{kind: waypoints, waypoints: [[0, 0], [0, 0, 1]]}", r"2: route.waypoints.0.2 is missing"),
         ("{kind: waypoints, waypoints: [{box: {}}, [0, 0, 1]]}", r"2: route.waypoints.0.box.min is missing"),
@@ -652,7 +653,7 @@ def test_a_vehicle_file_has_no_control(diagrams):
 
 
 @pytest.mark.parametrize(
-    ("written", "given", "path", "expected"),
+    ("earlier_overrides", "item_overrides", "path", "expected"),
     [
         ([], ["vehicle.inertia.0=0.006"], "vehicle.inertia", (0.006, 0.007, 0.012)),
         (
@@ -673,9 +674,9 @@ def test_a_vehicle_file_has_no_control(diagrams):
         ([], ["route.position.2=2"], "route.position", (0.0, 0.0, 2.0)),
     ],
 )
-def test_an_override_can_give_a_single_item_of_a_list(diagrams, written, given, path, expected):
+def test_an_override_can_give_a_single_item_of_a_list(diagrams, earlier_overrides, item_overrides, path, expected):
     """The other items keep their values from the file, or their defaults if the file gives no values."""
-    assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *given]), path) == expected
+    assert value_at(load_scenario(diagrams / "hover.yaml", [*earlier_overrides, *item_overrides]), path) == expected
 
 
 @pytest.mark.parametrize(

@@ -25,20 +25,24 @@ def test_an_lqg_layer_replaces_a_cascade_without_a_kind(tmp_path):
         f"mine: {{extends: [{HIGH_WIND_LABORATORY}, {LQG}], control: {{max_tilt: 0.5, lateral: {{lag: 0.04}}}}}}\n"
         f"back: {{extends: [mine, {PD}], control: {{position: {{k_p: [2, 2, 2]}}}}}}\n"
     )
-    mine, back = (load_scenario(f"{path}:{name}") for name in ("mine", "back"))
+    lqg_scenario, pd_scenario = (load_scenario(f"{path}:{name}") for name in ("mine", "back"))
     # A layer whose control has no kind modifies the control of the lower layers.
-    assert (mine.control.kind, mine.control.max_tilt, mine.control.lateral.lag) == ("lqg", 0.5, 0.04)
-    assert mine.control.lateral.command_weight == load().control.lateral.command_weight
-    assert (back.control.kind, back.control.position.k_p[0]) == ("cascade", 2.0)
+    assert (lqg_scenario.control.kind, lqg_scenario.control.max_tilt, lqg_scenario.control.lateral.lag) == (
+        "lqg",
+        0.5,
+        0.04,
+    )
+    assert lqg_scenario.control.lateral.command_weight == load().control.lateral.command_weight
+    assert (pd_scenario.control.kind, pd_scenario.control.position.k_p[0]) == ("cascade", 2.0)
 
 
 def test_a_saved_control_contains_its_kind_and_can_be_flown_again(tmp_path):
     for scenario in (load(), load(layers=())):
         save_scenario(scenario, tmp_path / "saved.yaml")
         assert load_scenario(tmp_path / "saved.yaml") == scenario
-    written = load(layers=()).model_dump(mode="json")
-    del written["control"]["kind"]
-    assert Scenario.model_validate(written).control.kind == "cascade"
+    saved_fields = load(layers=()).model_dump(mode="json")
+    del saved_fields["control"]["kind"]
+    assert Scenario.model_validate(saved_fields).control.kind == "cascade"
 
 
 @pytest.mark.parametrize(

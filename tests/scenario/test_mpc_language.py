@@ -76,8 +76,8 @@ def test_the_horizon_is_rounded_to_ticks_and_previews_the_plan():
             (4, instant.snap[:3]),
         ):
             np.testing.assert_allclose(part, evaluate(plan.path, [0.02 * tick], order)[:, 0], atol=1e-9)
-        before = preview[tick - 1].snap if tick else np.zeros(4)
-        np.testing.assert_allclose(instant.before, before, atol=1e-9)
+        previous_snap = preview[tick - 1].snap if tick else np.zeros(4)
+        np.testing.assert_allclose(instant.before, previous_snap, atol=1e-9)
 
 
 def test_the_reference_in_the_horizon_rests_after_the_end_of_the_plan():

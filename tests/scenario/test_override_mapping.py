@@ -23,7 +23,7 @@ def load(diagrams):
 
 
 @pytest.mark.parametrize(
-    ("given", "assignments"),
+    ("python_overrides", "assignments"),
     [
         ({"vehicle.mass": 0.7, "duration": 10}, ["vehicle.mass=0.7", "duration=10"]),
         ({"vehicle": {"mass": 0.7, "reaction_torque": True}}, ["vehicle.mass=0.7", "vehicle.reaction_torque=true"]),
@@ -49,14 +49,14 @@ def load(diagrams):
         ({}, []),
     ],
 )
-def test_python_values_have_the_same_effect_as_yaml_text(load, given, assignments):
-    assert load(given) == load(assignments)
+def test_python_values_have_the_same_effect_as_yaml_text(load, python_overrides, assignments):
+    assert load(python_overrides) == load(assignments)
 
 
 def test_overrides_may_contain_parts_of_other_scenarios(load, diagrams):
-    other = load_scenario(diagrams / "figure_eight.yaml", {"vehicle.mass": 0.66, "route.radius": 1.2})
-    combined = load({"vehicle": other.vehicle, "route": other.route})
-    assert (combined.vehicle.mass, combined.route) == (0.66, other.route)
+    other_scenario = load_scenario(diagrams / "figure_eight.yaml", {"vehicle.mass": 0.66, "route.radius": 1.2})
+    combined = load({"vehicle": other_scenario.vehicle, "route": other_scenario.route})
+    assert (combined.vehicle.mass, combined.route) == (0.66, other_scenario.route)
 
 
 @pytest.mark.slow
@@ -88,7 +88,7 @@ def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("overrides", "words"),
     [
         ({"normal": {"mean": 0.7, "standard_deviation": 0.1, "min": 0.5}, "x": 3}, "vehicle.mass.x is unknown"),
         ({"normal": {"mean": 0.7}}, r"vehicle.mass.normal.standard_deviation is missing"),
@@ -96,16 +96,16 @@ def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
         ({"choice": 3.0}, r"vehicle.mass.choice is 3.0, but must be a list"),
     ],
 )
-def test_errors_in_distributions_name_the_field(load, given, words):
+def test_errors_in_distributions_name_the_field(load, overrides, words):
     with pytest.raises(InputError, match=f"^override vehicle.mass: {words}"):
-        load({"vehicle.mass": given})
+        load({"vehicle.mass": overrides})
 
 
 def test_a_distribution_replaces_another_distribution_completely(load):
-    for given in ({"uniform": {"min": 0.6, "max": 0.7}}, {"choice": [0.6, 0.7]}):
+    for distribution in ({"uniform": {"min": 0.6, "max": 0.7}}, {"choice": [0.6, 0.7]}):
         assert isinstance(load("vehicle.mass=0.7").vehicle.mass, float)
-        replaced = load(["vehicle.mass={log_uniform: {min: 0.6, max: 0.8}}", {"vehicle.mass": given}])
-        assert replaced.vehicle.mass.model_dump(mode="json") == given
+        replaced = load(["vehicle.mass={log_uniform: {min: 0.6, max: 0.8}}", {"vehicle.mass": distribution}])
+        assert replaced.vehicle.mass.model_dump(mode="json") == distribution
 
 
 def test_an_override_may_name_a_file_by_a_pathlib_path(load):
@@ -128,7 +128,7 @@ LIST_OF_ITSELF.append(LIST_OF_ITSELF)
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("overrides", "words"),
     [
         ({"vehicle.mass": -1}, r"^override vehicle.mass: vehicle.mass is -1, but must be larger than 0$"),
         ({"vehicle": {"mass": "0.7"}}, r"^override vehicle: vehicle.mass is '0.7', but must be a valid number$"),
@@ -151,9 +151,9 @@ LIST_OF_ITSELF.append(LIST_OF_ITSELF)
         ("vehicle.mass", r"^override vehicle.mass: must be field.path=value, for example vehicle.mass=0.7$"),
     ],
 )
-def test_errors_for_invalid_python_values_give_the_reason(load, given, words):
+def test_errors_for_invalid_python_values_give_the_reason(load, overrides, words):
     with pytest.raises(InputError, match=words):
-        load(given)
+        load(overrides)
 
 
 def test_the_repr_of_a_scenario_is_one_line(load, diagrams):
@@ -174,12 +174,12 @@ def test_the_repr_of_a_scenario_is_one_line(load, diagrams):
 
 
 def test_distributions_have_short_representations(load):
-    drawn = {
+    distributions = {
         "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.25}},
         "vehicle.quadratic_drag": {"log_uniform": {"min": 0.001, "max": 1}},
         "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.01, "min": 0.6, "shared": {"a": 0.5}}},
     }
-    vehicle = load(drawn).vehicle
+    vehicle = load(distributions).vehicle
     assert repr(vehicle.linear_drag) == "uniform(0.1, 0.25)"
     assert str(vehicle.quadratic_drag) == "log_uniform(0.001, 1)"
     assert repr(vehicle.mass) == "normal(0.7, 0.01, min=0.6, shared={'a': 0.5})"

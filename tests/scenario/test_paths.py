@@ -29,11 +29,11 @@ def test_distributions_in_finds_every_value_that_is_a_distribution(scenario):
 
 def test_unchanged_parts_of_a_scenario_are_not_copied(scenario):
     assert map_leaves(scenario, lambda path, value: value) is scenario
-    other = map_leaves(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
-    changed = [path for path, value in leaves(other) if value is not dict(leaves(scenario))[path]]
+    changed_scenario = map_leaves(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
+    changed = [path for path, value in leaves(changed_scenario) if value is not dict(leaves(scenario))[path]]
     assert changed == ["vehicle.inertia.1"]
-    assert other.vehicle.inertia[1] == 0.01
-    assert other.laboratory is scenario.laboratory
+    assert changed_scenario.vehicle.inertia[1] == 0.01
+    assert changed_scenario.laboratory is scenario.laboratory
 
 
 def test_rotors_are_counted_from_1(scenario):

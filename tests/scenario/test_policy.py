@@ -127,10 +127,10 @@ def test_a_scenario_is_written_with_its_network_and_read_again(load_arrays, tmp_
     preprocessing = {"offset": RNG.normal(size=6), "scale": RNG.uniform(0.5, 2.0, 6), "limit": np.array(1.5)}
     scenario = load_arrays({**NETWORK_ARRAYS, **preprocessing})
     save_scenario(scenario, tmp_path / "again.yaml")
-    again = load_scenario(tmp_path / "again.yaml")
-    assert again == scenario
+    loaded_scenario = load_scenario(tmp_path / "again.yaml")
+    assert loaded_scenario == scenario
     rows = np.clip((OBSERVATION - preprocessing["offset"]) * preprocessing["scale"], -1.5, 1.5)
-    np.testing.assert_allclose(output(again), output(load_arrays(NETWORK_ARRAYS), rows), rtol=1e-12)
+    np.testing.assert_allclose(output(loaded_scenario), output(load_arrays(NETWORK_ARRAYS), rows), rtol=1e-12)
 
 
 def test_invalid_numbers_of_a_saved_network_are_refused(load_arrays, tmp_path):
@@ -138,13 +138,13 @@ def test_invalid_numbers_of_a_saved_network_are_refused(load_arrays, tmp_path):
     numbers = np.frombuffer(base64.b64decode("".join(scenario.control.policy.numbers)))
     save_scenario(scenario, tmp_path / "again.yaml")
     field = "control.policy.numbers"
-    for given, words in [
+    for network_fields, words in [
         (base64.b64encode(np.append(numbers[1:], np.inf)).decode(), f"{field} .*must be finite"),
         (base64.b64encode(numbers[1:]).decode(), f"{field} .*must have 43 numbers for these layers, not 42"),
         ("@", f"{field} .*must be numbers in base 64"),
     ]:
         with pytest.raises(InputError, match=words):
-            load_scenario(tmp_path / "again.yaml", {field: [given]})
+            load_scenario(tmp_path / "again.yaml", {field: [network_fields]})
 
 
 def test_recurrent_units_are_read_from_arrays(load_arrays):
@@ -216,11 +216,11 @@ INVALID_NETWORKS = {
     ),
     "too few rows": (
         {"weights_0": np.zeros((3, 5)), "biases_0": np.zeros(3)},
-        r"control.policy.layers.0.inputs is 5, but must be 6, the number of rows of this control's",
+        r"control.policy.layers.0.inputs is 5, but must be 6, the number of elements of this control's",
     ),
     "too many actions": (
         {"weights_0": np.zeros((4, 6)), "biases_0": np.zeros(4)},
-        r"control.policy.layers.0.outputs is 4, but must be 3, the number of rows of this control's",
+        r"control.policy.layers.0.outputs is 4, but must be 3, the number of elements of this control's",
     ),
     "layers whose sizes do not match": (
         {**NETWORK_ARRAYS, "weights_1": np.zeros((3, 5))},
@@ -296,20 +296,20 @@ def test_an_npz_file_that_expands_beyond_the_size_limit_is_refused(tmp_path):
 
 @pytest.mark.parametrize("kind", ["npz", "packed", "onnx"])
 def test_a_file_that_is_damaged_is_read_or_refused_in_a_sentence(kind, tmp_path):
-    whole = tmp_path / f"whole.{kind[:4] if kind == 'onnx' else 'npz'}"
+    path = tmp_path / f"whole.{kind[:4] if kind == 'onnx' else 'npz'}"
     if kind == "onnx":
-        onnx.save(model_of(two_layers(), GRAPH_CONSTANTS), whole)
+        onnx.save(model_of(two_layers(), GRAPH_CONSTANTS), path)
     else:
-        (np.savez_compressed if kind == "packed" else np.savez)(whole, **NETWORK_ARRAYS)
-    data, rng = whole.read_bytes(), np.random.default_rng(8)
+        (np.savez_compressed if kind == "packed" else np.savez)(path, **NETWORK_ARRAYS)
+    data, rng = path.read_bytes(), np.random.default_rng(8)
     counts = {"read": 0, "refused": 0}
     for _ in range(300):
         damaged = bytearray(data)
         for index in rng.integers(len(data), size=rng.integers(1, 4)).tolist():
             damaged[index] = rng.integers(256)
-        whole.write_bytes(bytes(damaged[: rng.integers(len(data))]) if rng.random() < 0.1 else bytes(damaged))
+        path.write_bytes(bytes(damaged[: rng.integers(len(data))]) if rng.random() < 0.1 else bytes(damaged))
         try:
-            policy_network(whole)
+            policy_network(path)
             counts["read"] += 1
         except InputError as error:
             assert "\n" not in str(error)
@@ -646,9 +646,9 @@ def test_all_supported_forms_of_onnx_networks_have_the_output_of_the_evaluator(l
     ],
 )
 def test_unsupported_onnx_models_are_refused(load_onnx, nodes, words):
-    with pytest.raises(InputError, match=words) as wrong:
+    with pytest.raises(InputError, match=words) as error:
         load_onnx(nodes, {**GRAPH_CONSTANTS, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
-    assert "\n" not in str(wrong.value)
+    assert "\n" not in str(error.value)
 
 
 def test_an_onnx_graph_with_a_cycle_is_refused(load_onnx):
@@ -809,13 +809,13 @@ def test_errors_name_unsupported_onnx_nodes(load_onnx, nodes, words):
 
 
 def test_errors_name_the_invalid_field_of_a_policy():
-    def policy(action="{kind: acceleration}", observation="{}", more=(), scenario="figure_eight"):
+    def policy(action="{kind: acceleration}", observation="{}", overrides=(), scenario="figure_eight"):
         attitude = [] if scenario == "onboard" else ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]
         control = f"control={{kind: policy, action: {action}, observation: {observation}}}"
-        return load_scenario(scenario, [control, *attitude, *more])
+        return load_scenario(scenario, [control, *attitude, *overrides])
 
     policy()
-    for given, words in [
+    for arguments, words in [
         ({"action": "{kind: rotor_speeds, order: [1, 2, 3, 3]}"}, "control.action.order .*each rotor from 1 to 4 once"),
         (
             {"action": "{kind: rates, min_thrust: 2.0}"},
@@ -831,16 +831,20 @@ def test_errors_name_the_invalid_field_of_a_policy():
         ({"observation": "{signals: [attitude], turn: 0.1}"}, "control.observation.turn is 0.1, but must be 0"),
         ({"observation": "{signals: [speed]}"}, "control.observation.signals.0 is 'speed'"),
         ({"observation": "{history: 0}"}, "control.observation.history is 0"),
-        ({"more": ["control.attitude=null"]}, "control.attitude is missing"),
-        ({"action": "{kind: rates}", "more": ["control.attitude=null"]}, "control.action.k_rate is missing"),
+        ({"overrides": ["control.attitude=null"]}, "control.attitude is missing"),
+        ({"action": "{kind: rates}", "overrides": ["control.attitude=null"]}, "control.action.k_rate is missing"),
         (
             {"action": "{kind: rotor_speeds}", "scenario": "onboard"},
             "control.action.kind is '?rotor_speeds'?, but must be acceleration, attitude, rates with",
         ),
-        ({"scenario": "onboard", "more": ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]}, "must be left out"),
+        (
+            {"scenario": "onboard", "overrides": ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]},
+            "must be left out",
+        ),
         (
             {"scenario": "onboard", "action": "{kind: rates, k_rate: [9, 9, 9]}"},
-            "control.action.k_rate .*must be left out, or null: laboratory.autopilot of kind attitude has its own",
+            "control.action.k_rate .*must be left out, or null, since laboratory.autopilot of kind attitude has its"
+            " own",
         ),
         (
             {"action": "{kind: rates, k_rate: [9, 9, 9]}"},
@@ -851,7 +855,7 @@ def test_errors_name_the_invalid_field_of_a_policy():
             "control.attitude .*must be left out, or null, since actions of kind rotor_speeds do not use it",
         ),
         (
-            {"action": "{kind: rotor_speeds, min_rotor_speed: 300}", "more": ["control.attitude=null"]},
+            {"action": "{kind: rotor_speeds, min_rotor_speed: 300}", "overrides": ["control.attitude=null"]},
             "control.action.min_rotor_speed is 300, but must be smaller than max_rotor_speed in nominal, 300.0",
         ),
         (
@@ -860,7 +864,7 @@ def test_errors_name_the_invalid_field_of_a_policy():
         ),
     ]:
         with pytest.raises(InputError, match=words):
-            policy(**given)
+            policy(**arguments)
 
 
 def test_the_error_for_a_missing_onnx_library_names_the_library(load_onnx, monkeypatch):

@@ -116,10 +116,10 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
 )
 def test_sensor_readings_of_uncompiled_compiled_and_fleet_flights_agree(asymmetric, scenario):
     """The parameters are random. One sensor has a shorter period than the control, the other one a longer period."""
-    drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_OVERRIDE, WHOLE_FLIGHT_OVERRIDE, "duration=0.5")
-    flights = assert_flown_alike(Batch.draw(drawn, range(3)))
-    (alone,) = simulate_samples(drawn, [2])
-    for name, values in alone.items():
+    random_scenario = asymmetric(scenario[0], *scenario[1:], SENSORS_OVERRIDE, WHOLE_FLIGHT_OVERRIDE, "duration=0.5")
+    flights = assert_flown_alike(Batch.draw(random_scenario, range(3)))
+    (single_flight,) = simulate_samples(random_scenario, [2])
+    for name, values in single_flight.items():
         np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
     assert np.ptp(flights[2]["accelerometer"], axis=0).min() > 0.01
     # The second sensor has a period of two ticks.
@@ -131,10 +131,12 @@ def test_sensor_readings_of_uncompiled_compiled_and_fleet_flights_agree(asymmetr
 @pytest.mark.long
 def test_sensor_readings_of_uncompiled_and_compiled_flights_are_bit_identical():
     """The initial readings are not compared, since they are computed with the elementary functions of NumPy."""
-    drawn = load_scenario("figure_eight", [SENSORS_OVERRIDE, "duration=0.5"])
-    wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
-    for flight, expected in zip(compiled, wired, strict=True):
-        for name in ("state", *drawn.laboratory.named_sensors):
+    random_scenario = load_scenario("figure_eight", [SENSORS_OVERRIDE, "duration=0.5"])
+    uncompiled, compiled = (
+        simulate_samples(random_scenario, range(3), compiled=compiled) for compiled in (False, True)
+    )
+    for flight, expected in zip(compiled, uncompiled, strict=True):
+        for name in ("state", *random_scenario.laboratory.named_sensors):
             np.testing.assert_array_equal(flight[name][1:], expected[name][1:], err_msg=name)
 
 
@@ -208,11 +210,11 @@ EVERY_SENSOR = [
 @pytest.mark.long
 def test_readings_of_all_kinds_of_sensors_agree_in_uncompiled_compiled_and_fleet_flights(asymmetric):
     sensors = f"laboratory.sensors={json.dumps(EVERY_SENSOR)}"
-    drawn = asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.5", sensors)
-    flights = assert_flown_alike(Batch.draw(drawn, range(3)))
-    (alone,) = simulate_samples(drawn, [2])
-    assert {*drawn.laboratory.sensor_signals} <= alone.keys()
-    for name, values in alone.items():
+    random_scenario = asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.5", sensors)
+    flights = assert_flown_alike(Batch.draw(random_scenario, range(3)))
+    (single_flight,) = simulate_samples(random_scenario, [2])
+    assert {*random_scenario.laboratory.sensor_signals} <= single_flight.keys()
+    for name, values in single_flight.items():
         np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
     valid = flights[2]["accelerometer_valid"][:, 0]
     assert 0.5 < valid.mean() < 1.0
@@ -240,7 +242,7 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
     batch = Batch.draw(scenario, range(4))
     recipes = laboratory_recipes(batch, plan_route(scenario), 10.0)
     first, second = recipes["sensors.accelerometer"], recipes["sensors.accelerometer_2"]
-    drawn = {path.removeprefix("laboratory.sensors.0."): values for path, values in batch.varying.items()}
+    drawn_values = {path.removeprefix("laboratory.sensors.0."): values for path, values in batch.varying.items()}
     assert first.structure == {
         "name": "accelerometer",
         "law": ACCELEROMETER,
@@ -252,9 +254,9 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
     }
     parameters = first.parameters
     np.testing.assert_allclose(parameters.position, [0.05 + 0.0003, -0.03 - 0.0008, 0.02], rtol=1e-12)
-    np.testing.assert_array_equal(parameters.bias.x, drawn["bias.0"])
-    np.testing.assert_allclose(parameters.noise, drawn["noise_density"] / 0.1, rtol=1e-12)
-    np.testing.assert_array_equal(parameters.latency_samples, drawn["latency_samples"])
+    np.testing.assert_array_equal(parameters.bias.x, drawn_values["bias.0"])
+    np.testing.assert_allclose(parameters.noise, drawn_values["noise_density"] / 0.1, rtol=1e-12)
+    np.testing.assert_array_equal(parameters.latency_samples, drawn_values["latency_samples"])
     assert (parameters.bias.y, parameters.gravity) == (0.1, 9.7)
     assert second.structure["longest_latency"] == 0
     assert second.parameters.noise == pytest.approx(0.003 / 0.2)
@@ -284,12 +286,12 @@ def test_readings_of_a_user_s_sensor_are_recorded_and_read(altimeter, tmp_path):
     errors = [flight.record("altimeter_2").height - heights + 0.2 for flight in flights[:2]]
     assert abs(np.corrcoef(*errors)[0, 1]) < 0.9
     flights[0].save(tmp_path)
-    again = read_flight(tmp_path)
-    np.testing.assert_array_equal(again["altimeter_2"], flights[0]["altimeter_2"])
+    loaded_flight = read_flight(tmp_path)
+    np.testing.assert_array_equal(loaded_flight["altimeter_2"], flights[0]["altimeter_2"])
     assert "altimeter_2.height (m)" in (tmp_path / "flight.csv").read_text(encoding="utf-8")
-    schema = flight_topics("own", again)["/own/signals/altimeter_2"]
+    schema = flight_topics("own", loaded_flight)["/own/signals/altimeter_2"]
     assert schema["properties"]["height"]["description"] == "m, along W"
-    assert {"/own/signals/altimeter"} <= {message.topic for message in flight_messages("own", again, 0)}
+    assert {"/own/signals/altimeter"} <= {message.topic for message in flight_messages("own", loaded_flight, 0)}
 
 
 @pytest.mark.long
@@ -413,7 +415,7 @@ def test_a_user_s_control_can_read_sensors():
 @pytest.mark.slow
 def test_gym_environments_provide_the_validity_and_the_readings_of_any_sensor():
     steps = []
-    envs = QuadrotorVectorEnv(
+    environments = QuadrotorVectorEnv(
         "hover",
         {
             "laboratory.sensors": [
@@ -426,8 +428,8 @@ def test_gym_environments_provide_the_validity_and_the_readings_of_any_sensor():
         signals=["gyroscope", "gnss", "gnss_valid"],
         reward=lambda step: steps.append(step.signals) or np.zeros(2),
     )
-    envs.reset(seed=0)
-    envs.step(np.zeros((2, 4)))
+    environments.reset(seed=0)
+    environments.step(np.zeros((2, 4)))
     (signals,) = steps
     assert isinstance(signals["gyroscope"], BodyRates)
     assert (signals["gyroscope"].p != 0.0).all()
@@ -438,7 +440,7 @@ def test_gym_environments_provide_the_validity_and_the_readings_of_any_sensor():
 @pytest.mark.slow
 def test_gym_environments_provide_the_readings_of_sensors():
     forces = []
-    envs = QuadrotorVectorEnv(
+    environments = QuadrotorVectorEnv(
         "hover",
         {"laboratory.sensors": [{"kind": "accelerometer"}, {"kind": "accelerometer", "bias": [0.0, 0.0, 0.5]}]},
         num_envs=2,
@@ -446,8 +448,8 @@ def test_gym_environments_provide_the_readings_of_sensors():
         signals=["accelerometer_2"],
         reward=lambda step: forces.append(step.signals["accelerometer_2"]) or np.zeros(2),
     )
-    envs.reset(seed=0)
-    envs.step(np.zeros((2, 4)))
+    environments.reset(seed=0)
+    environments.step(np.zeros((2, 4)))
     (force,) = forces
     assert isinstance(force, SpecificForce)
     assert (force.z > 0.5).all()

@@ -121,8 +121,8 @@ def test_a_saved_scenario_does_not_need_the_mesh(folder, tmp_path):
     plain = tmp_path / "plain.yaml"
     with plain.open("w") as file:
         save_scenario(load_scenario("figure_eight"), file)
-    (written,) = YAML(typ="safe").load(plain).values()
-    assert "space" not in written
+    (saved_fields,) = YAML(typ="safe").load(plain).values()
+    assert "space" not in saved_fields
 
 
 def test_fields_of_obstacles_have_paths(folder):
@@ -244,11 +244,19 @@ def test_a_mesh_with_many_corners_is_replaced_by_a_simpler_enclosing_hull(folder
         ).max()
         <= 0.0
     )
-    again = {"kind": "hull", "points": rock.points, "centre": (3.0, 3.0, 0.0), "scale": 0.5, "rotation": rock.rotation}
-    assert load_scenario("figure_eight", {"space.obstacles.rock": again}).space.obstacles["rock"] == rock
+    hull_fields = {
+        "kind": "hull",
+        "points": rock.points,
+        "centre": (3.0, 3.0, 0.0),
+        "scale": 0.5,
+        "rotation": rock.rotation,
+    }
+    assert load_scenario("figure_eight", {"space.obstacles.rock": hull_fields}).space.obstacles["rock"] == rock
     with pytest.warns(InputWarning, match=r"^obstacle of kind hull: its convex hull with 200 corners is replaced"):
-        same = load_scenario("figure_eight", {"space.obstacles.rock": {**again, "points": MANY_CORNERS}})
-    assert same.space.obstacles["rock"] == rock
+        simplified_scenario = load_scenario(
+            "figure_eight", {"space.obstacles.rock": {**hull_fields, "points": MANY_CORNERS}}
+        )
+    assert simplified_scenario.space.obstacles["rock"] == rock
 
 
 def test_the_number_of_obstacles_is_limited_and_names_are_unique(folder):

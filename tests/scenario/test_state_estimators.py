@@ -17,7 +17,7 @@ from drake_quad import (
 from drake_quad.linear.hover_covariance import linear_hover_error
 from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
 # Components of the measurement, which contain body rates and angles in addition to those of the estimate.
@@ -87,7 +87,7 @@ def test_linear_models_contain_the_filter():
 
 
 @pytest.mark.slow
-def test_a_position_that_no_sensor_measures_has_no_stationary_error_unlike_with_an_unknown_yaw():
+def test_hover_has_a_stationary_position_error_without_a_yaw_sensor_but_not_without_a_position_sensor():
     """Without a compass, the yaw drifts, but a small error of the yaw does not act on the position in hover."""
     gnss = {"kind": "gnss", "period": 0.01, "position_noise": [0.1] * 3, "velocity_noise": [0.1] * 3}
     barometer = {"kind": "barometer", "period": 0.01, "height_noise": 0.1}
@@ -105,15 +105,15 @@ def test_a_position_that_no_sensor_measures_has_no_stationary_error_unlike_with_
 def test_the_plant_of_a_design_has_the_exact_state_as_its_output():
     period = with_filter().laboratory.command_link.period
     exact = load_scenario("hover", {"vehicle.time_step": 0.005, "laboratory.motion_capture": {"period": period}})
-    found, expected = (laboratory_plant(each).system for each in (with_filter(), exact))
-    np.testing.assert_array_equal(found.A, expected.A)
-    np.testing.assert_array_equal(found.C, expected.C)
+    result, expected = (laboratory_plant(each).system for each in (with_filter(), exact))
+    np.testing.assert_array_equal(result.A, expected.A)
+    np.testing.assert_array_equal(result.C, expected.C)
 
 
 def test_a_sensor_that_corrects_estimates_needs_a_measurement_equation():
     class Altimeter(SensorSettings):
         kind: Literal["altimeter"]
-        aids: ClassVar = AidingUse("height", (("period",),))
+        aids: ClassVar = AidingModel("height", (("period",),))
 
     with pytest.raises(TypeError, match="Altimeter must define aiding_parameters"):
         SENSORS.register(Altimeter)

@@ -174,8 +174,8 @@ def check_action(kind, settings):
             commands = "attitude_target"
         assert outputs == {commands}
         assert system.GetInputPort("action").size() == 2 * kind.num_rows
-        assert len(action.hovering(setting.nominal)) == kind.num_rows
-        assert max(map(abs, action.hovering(setting.nominal))) < 1.0
+        assert len(action.hover_action(setting.nominal)) == kind.num_rows
+        assert max(map(abs, action.hover_action(setting.nominal))) < 1.0
 
 
 @for_each_member(ACTIONS)
@@ -188,16 +188,16 @@ def test_declarations_of_every_control_agree_with_its_diagram(scenario, layers):
     scenario = load_scenario(scenario, layers=layers)
     control, setting = scenario.control, setting_of(scenario)
     recipes = control.recipes(setting)
-    for starts in control.user_system_paths.values():
-        assert any(path.startswith(starts) for path in recipes)
-    built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().specified)
-    inputs, outputs = port_names(built)
-    assert built.get_name() == "control"
+    for prefixes in control.user_system_paths.values():
+        assert any(path.startswith(prefixes) for path in recipes)
+    diagram = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().specified)
+    inputs, outputs = port_names(diagram)
+    assert diagram.get_name() == "control"
     assert setting.autopilot.command in outputs
-    assert ("reference_ahead" in inputs) == bool(control.ahead())
+    assert ("reference_ahead" in inputs) == bool(control.preview_times())
     assert ("action" in outputs) == bool(control.policy_rows()) == ("policy" in control.user_system_paths)
     assert not control.lacks_policy()
-    assert ("network" in {part.get_name() for part in built.GetSystems()}) == (control.network is not None)
+    assert ("network" in {part.get_name() for part in diagram.GetSystems()}) == (control.network is not None)
     assert (control.cascade() is control) == (control.kind == "cascade")
     assert 0.0 < control.limits().min_thrust < 1.0 < control.limits().max_thrust
 
@@ -270,19 +270,19 @@ def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     POSITION_CONTROLLERS.register(sliding_mode)
 
 
-class OwnAutopilot(AttitudeAutopilotSettings):
+class UserAutopilot(AttitudeAutopilotSettings):
     kind: Literal["own_autopilot"]
 
 
-class OwnAction(AccelerationAction):
+class UserAction(AccelerationAction):
     kind: Literal["own_action"]
 
 
-class OwnAttitude(PdAttitude):
+class UserAttitude(PdAttitude):
     kind: Literal["own_attitude"]
 
 
-class OwnControl(PolicyControl):
+class UserControl(PolicyControl):
     kind: Literal["own_control"]
 
 
@@ -293,11 +293,11 @@ POLICY_CONTROL = {"kind": "policy", "action": {"kind": "acceleration"}, "attitud
 @pytest.mark.parametrize(
     ("union", "kind", "base", "changes", "path"),
     [
-        (AUTOPILOTS, OwnAutopilot, "onboard", {}, "laboratory.autopilot"),
-        (ACTIONS, OwnAction, "figure_eight", {"control": POLICY_CONTROL}, "control.action"),
-        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {}, "control.attitude"),
-        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {"control": POLICY_CONTROL}, "control.attitude"),
-        (CONTROLS, OwnControl, "figure_eight", {"control": POLICY_CONTROL}, "control"),
+        (AUTOPILOTS, UserAutopilot, "onboard", {}, "laboratory.autopilot"),
+        (ACTIONS, UserAction, "figure_eight", {"control": POLICY_CONTROL}, "control.action"),
+        (ATTITUDE_CONTROLLERS, UserAttitude, "figure_eight", {}, "control.attitude"),
+        (ATTITUDE_CONTROLLERS, UserAttitude, "figure_eight", {"control": POLICY_CONTROL}, "control.attitude"),
+        (CONTROLS, UserControl, "figure_eight", {"control": POLICY_CONTROL}, "control"),
     ],
 )
 def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, changes, path):
@@ -305,9 +305,9 @@ def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, ch
     changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)
     (name,) = get_args(kind.model_fields["kind"].annotation)
-    own = {path: value_at(scenario, path).model_dump(mode="json") | {"kind": name}}
+    override = {path: value_at(scenario, path).model_dump(mode="json") | {"kind": name}}
     flights = []
-    for each in (scenario, load_scenario(base, [changes, own])):
+    for each in (scenario, load_scenario(base, [changes, override])):
         policy = action_source(np.full((1, 3), 0.1), 0.02) if each.control.lacks_policy() else None
         flights.append(simulate(each, policy=policy, sample=0))
     assert value_at(flights[1].scenario, path).kind == name

@@ -93,9 +93,9 @@ def vehicle_in_hover(name, effect, speed=0.0, time_step=0.01):
     """Return the paper's vehicle in hover with an effect, in a context that holds the initial rotor speeds."""
     effects = with_effect(name, effect).effect_parameters()
     faults = effect.parameters() if name == "rotor_failure" else RotorFaults()
-    place = HoverPose(0.0, 0.0, INITIAL_HEIGHT, 0.0)
+    pose = HoverPose(0.0, 0.0, INITIAL_HEIGHT, 0.0)
     structure = {"effects": effects.names, "faulty": name == "rotor_failure", "time_step": time_step}
-    vehicle = Quadrotor(**structure, parameters=QuadrotorConfig(PAPER_VEHICLE, faults, place, effects))
+    vehicle = Quadrotor(**structure, parameters=QuadrotorConfig(PAPER_VEHICLE, faults, pose, effects))
     context = vehicle.CreateDefaultContext()
     speeds = hover_rotor_speeds(hover_equivalent(PAPER_VEHICLE, effects, INITIAL_HEIGHT))
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.array(speeds))
@@ -116,8 +116,8 @@ def state_after(name, effect, speed=0.0, until=0.4):
 
 def has_constant_acceleration(name, effect):
     """Return whether the acceleration is constant."""
-    start, half, whole = (state_after(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
-    return np.abs(whole - 2.0 * half + start).max() < 1e-9
+    at_start, half_way, at_end = (state_after(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
+    return np.abs(at_end - 2.0 * half_way + at_start).max() < 1e-9
 
 
 def rotates_body(name, effect):
@@ -172,7 +172,7 @@ def check_response(name, kind):
     effects = vehicle.effect_parameters()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
     config = AttitudeResponseConfig(QuadrotorConfig(PAPER_VEHICLE, effects=effects), response)
-    allowed = name not in vehicle.without_response()
+    allowed = name not in vehicle.effects_unsupported_by_response()
     try:
         AttitudeResponseQuadrotor(effects=effects.names, parameters=config)
     except ValueError as error:
@@ -224,13 +224,13 @@ def test_a_user_s_effect_flies_uncompiled_and_compiled(ceiling_effect):
 @pytest.mark.long
 def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
     EFFECTS.remove("ceiling")
-    before = load_scenario("hover")
+    original_scenario = load_scenario("hover")
     with pytest.raises(InputError, match="called 'ceiling.rotor_radius'"):
         declaration_of("ceiling.rotor_radius")
     EFFECTS.register(ceiling_effect)
     assert declaration_of("ceiling.rotor_radius").unit == "m"
-    assert before.vehicle.effects() == {}
-    assert nominal_hover(before).vehicle.effects() == {}
+    assert original_scenario.vehicle.effects() == {}
+    assert nominal_hover(original_scenario).vehicle.effects() == {}
     assert "CeilingEffect" in file_schema()["$defs"]
     assert "[CeilingEffect](#ceilingeffect)" in language_page()
     assert in_hover(hover(rotor_radius=0.1)).vehicle.effects() == {}

@@ -199,11 +199,11 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")
     (tmp_path / "broken.py").write_text("1 / 0", encoding="utf-8")
     (tmp_path / "random.py").write_text("", encoding="utf-8")
-    for given, words in (
-        ("none.py", ": is not an existing Python file"),
+    for arguments, words in (
+        ("none.py", " is not an existing Python file"),
         ("broken.py", ":1: ZeroDivisionError: division by zero"),
         ("random.py", ": another module is also called random; rename the file"),
     ):
-        result = run(*study, "--output", tmp_path, "--import", tmp_path / given)
+        result = run(*study, "--output", tmp_path, "--import", tmp_path / arguments)
         assert result.returncode == 2
-        assert f"error: --import {tmp_path / given}{words}\n" in result.stderr
+        assert f"error: --import {tmp_path / arguments}{words}\n" in result.stderr

@@ -20,7 +20,7 @@ SPACING = 0.05  # m, distance between neighbouring grid points
 class Room(NamedTuple):
     space: Space
     bounds: Box
-    places: np.ndarray
+    endpoints: np.ndarray
 
 
 def random_room(seed):
@@ -51,11 +51,11 @@ def random_room(seed):
     space = Space(tuple(obstacles), radius=0.1, margin=clearance - 0.1)
     bounds = Box(np.full(3, clearance), size - clearance)
     while True:
-        places = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
+        endpoints = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
         # Start and end are near opposite ends of the room. A room with a wall has it between start and end.
-        apart = places[0, 0] < 0.3 * size[0] and places[1, 0] > 0.7 * size[0]
-        if apart and least_distances(space, places).min() > clearance + 0.02:
-            return Room(space, bounds, places)
+        are_apart = endpoints[0, 0] < 0.3 * size[0] and endpoints[1, 0] > 0.7 * size[0]
+        if are_apart and least_distances(space, endpoints).min() > clearance + 0.02:
+            return Room(space, bounds, endpoints)
 
 
 def least_distances(space, points):
@@ -68,20 +68,20 @@ def _distances(shape, points):
         case Ball():
             return np.linalg.norm(points - shape.centre, axis=1) - shape.radius
         case Cylinder():
-            own = _in_own_frame(shape.centre, shape.rotation, points)
-            aside = np.maximum(np.hypot(own[:, 0], own[:, 1]) - shape.radius, 0.0)
-            return np.hypot(aside, np.maximum(abs(own[:, 2]) - 0.5 * shape.height, 0.0))
+            local = _in_solid_frame(shape.centre, shape.rotation, points)
+            radial = np.maximum(np.hypot(local[:, 0], local[:, 1]) - shape.radius, 0.0)
+            return np.hypot(radial, np.maximum(abs(local[:, 2]) - 0.5 * shape.height, 0.0))
         case Cuboid():
-            own = _in_own_frame(shape.centre, shape.rotation, points)
+            local = _in_solid_frame(shape.centre, shape.rotation, points)
             half = 0.5 * np.array(shape.size)
-            return np.linalg.norm(own - np.clip(own, -half, half), axis=1)
+            return np.linalg.norm(local - np.clip(local, -half, half), axis=1)
     # The three edges at a corner of a box are its axes.
     corners = np.array(shape.corners)
     lengths = np.linalg.norm(corners - corners[0], axis=1)
     edges = _edges(corners, lengths)
     sides = np.linalg.norm(edges, axis=1)
-    own = (points - corners.mean(axis=0)) @ (edges / sides[:, None]).T
-    return np.linalg.norm(own - np.clip(own, -0.5 * sides, 0.5 * sides), axis=1)
+    local = (points - corners.mean(axis=0)) @ (edges / sides[:, None]).T
+    return np.linalg.norm(local - np.clip(local, -0.5 * sides, 0.5 * sides), axis=1)
 
 
 def _edges(corners, lengths):
@@ -94,10 +94,10 @@ def _edges(corners, lengths):
                 product = edges @ edges.T
                 if i < j < k and abs(product - np.diag(np.diag(product))).max() < 1e-9:
                     return edges
-    raise AssertionError("no box")
+    raise AssertionError("the hull is not a box")
 
 
-def _in_own_frame(centre, rotation, points):
+def _in_solid_frame(centre, rotation, points):
     return (points - np.array(centre)) @ RollPitchYaw(np.array(rotation)).ToRotationMatrix().matrix()
 
 
@@ -119,67 +119,69 @@ class Search:
         numbers = np.arange(len(self.points)).reshape(self.shape)
         for step in np.ndindex(3, 3, 3):
             if step > (1, 1, 1):
-                here, there = numbers, numbers
+                first_points, second_points = numbers, numbers
                 for axis, shift in enumerate(step):
                     begin, end = [slice(None)] * 3, [slice(None)] * 3
                     if shift != 1:
                         begin[axis], end[axis] = (slice(None, -1), slice(1, None))[:: shift - 1]
                         if shift == 0:
                             begin[axis], end[axis] = slice(1, None), slice(None, -1)
-                        here, there = here[tuple(begin)], there[tuple(end)]
-                one, other = here.ravel(), there.ravel()
-                fits = is_open(one, other)
-                yield one[fits], other[fits]
+                        first_points, second_points = first_points[tuple(begin)], second_points[tuple(end)]
+                first, second = first_points.ravel(), second_points.ravel()
+                is_selected = is_open(first, second)
+                yield first[is_selected], second[is_selected]
 
-    def _surely_free(self, one, other):
+    def _surely_free(self, first, second):
         """Return a mask of the steps that are certainly free: free balls around both end points cover the step."""
-        length = np.linalg.norm(self.points[one] - self.points[other], axis=1)
-        free = np.minimum(self.distances[one], self.distances[other]) >= self.clearance
-        return free & (self.distances[one] + self.distances[other] - length >= 2.0 * self.clearance)
+        length = np.linalg.norm(self.points[first] - self.points[second], axis=1)
+        free = np.minimum(self.distances[first], self.distances[second]) >= self.clearance
+        return free & (self.distances[first] + self.distances[second] - length >= 2.0 * self.clearance)
 
     def shortest(self):
         """Return the shortest free route (n, 3), m, or None if there is none."""
         pairs = [
-            (one, other, np.linalg.norm(self.points[one] - self.points[other], axis=1))
-            for one, other in self._edges(self._surely_free)
+            (first, second, np.linalg.norm(self.points[first] - self.points[second], axis=1))
+            for first, second in self._edges(self._surely_free)
         ]
         rows, columns, lengths = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         size = len(self.points)
         graph = coo_matrix((lengths, (rows, columns)), (size, size)).tocsr()
-        begin, end = (self._next_to(place) for place in self.room.places)
+        begin, end = (self._surely_connected_to(endpoint) for endpoint in self.room.endpoints)
         if not (len(begin) and len(end)):
             return None
-        found, before, _ = dijkstra(graph, directed=False, indices=begin, min_only=True, return_predecessors=True)
-        number = int(end[found[end].argmin()])
-        if not np.isfinite(found[number]):
+        lengths_to_points, predecessors, _ = dijkstra(
+            graph, directed=False, indices=begin, min_only=True, return_predecessors=True
+        )
+        number = int(end[lengths_to_points[end].argmin()])
+        if not np.isfinite(lengths_to_points[number]):
             return None
-        way = []
+        route = []
         while number >= 0:
-            way.append(self.points[number])
-            number = int(before[number])
-        return np.array(way[::-1])
+            route.append(self.points[number])
+            number = int(predecessors[number])
+        return np.array(route[::-1])
 
-    def _next_to(self, place):
+    def _surely_connected_to(self, position):
         """Return the indices of the grid points to which the straight line from a position is certainly free."""
-        away = np.linalg.norm(self.points - place, axis=1)
-        (distance,) = least_distances(self.room.space, place[None])
+        distances_to_points = np.linalg.norm(self.points - position, axis=1)
+        (distance,) = least_distances(self.room.space, position[None])
         return np.flatnonzero(
-            (away < 2.0 * self.spacing)
+            (distances_to_points < 2.0 * self.spacing)
             & (self.distances >= self.clearance)
-            & (self.distances + distance - away >= 2.0 * self.clearance)
+            & (self.distances + distance - distances_to_points >= 2.0 * self.clearance)
         )
 
     def is_surely_blocked(self):
         """Return whether start and end are disconnected even with a clearance reduced by half a cell diagonal."""
-        reach = 0.5 * np.sqrt(3.0) * self.spacing
-        near = self.distances >= self.clearance - reach
-        pairs = list(self._edges(lambda one, other: near[one] & near[other]))
+        half_diagonal = 0.5 * np.sqrt(3.0) * self.spacing
+        may_be_free = self.distances >= self.clearance - half_diagonal
+        pairs = list(self._edges(lambda first, second: may_be_free[first] & may_be_free[second]))
         rows, columns = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         size = len(self.points)
         rooms = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (size, size)), directed=False)[1]
         # A grid that begins at one bound may end up to one step before the other bound.
         begin, end = (
-            set(rooms[near & (np.linalg.norm(self.points - place, axis=1) <= 2.0 * self.spacing)].tolist())
-            for place in self.room.places
+            set(rooms[may_be_free & (np.linalg.norm(self.points - endpoint, axis=1) <= 2.0 * self.spacing)].tolist())
+            for endpoint in self.room.endpoints
         )
         return not begin & end

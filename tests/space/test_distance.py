@@ -52,10 +52,10 @@ def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(fraction):
     path = rest_to_rest(8.0, 4.0)
     speed = evaluate(path, [5.0], 1)[0, 0]
     half = speed * path.durations[0] / 64.0
-    beside = evaluate(path, [3.0 + 4.0 * 20.5 / 32.0])[:, 0]
-    first = Obstacle("first", Ball((4.0, 0.01, 0.0), radius=0.001))
-    decoy = Obstacle("decoy", Ball((beside[0], fraction * half + 0.001, 0.0), radius=0.001))
-    actual = nearest_approach(path, Space((decoy, first), radius=0.1))
+    middle_of_piece = evaluate(path, [3.0 + 4.0 * 20.5 / 32.0])[:, 0]
+    nearest_ball = Obstacle("first", Ball((4.0, 0.01, 0.0), radius=0.001))
+    other_ball = Obstacle("decoy", Ball((middle_of_piece[0], fraction * half + 0.001, 0.0), radius=0.001))
+    actual = nearest_approach(path, Space((other_ball, nearest_ball), radius=0.1))
     assert actual.obstacle == "first"
     assert actual.distance == pytest.approx(0.009, abs=1e-5)
     assert actual.time == pytest.approx(5.0, abs=1e-2)
@@ -66,12 +66,12 @@ def test_the_nearest_of_many_small_obstacles_is_found(seed):
     """There are 60 balls at random positions around a path with random waypoints and durations."""
     random = np.random.default_rng([3, seed])
     path = minimum_snap(random.uniform(-5.0, 5.0, (4, 3)), np.cumsum([0.0, *random.uniform(0.3, 2.0, 3)]))
-    places = evaluate(path, random.uniform(path.times[0], path.times[-1], 60)).T + random.normal(size=(60, 3)) * 0.3
-    balls = [Obstacle(str(i), Ball(tuple(place), radius=0.01)) for i, place in enumerate(places.tolist())]
+    positions = evaluate(path, random.uniform(path.times[0], path.times[-1], 60)).T + random.normal(size=(60, 3)) * 0.3
+    balls = [Obstacle(str(i), Ball(tuple(position), radius=0.01)) for i, position in enumerate(positions.tolist())]
     actual = nearest_approach(path, Space(tuple(balls), radius=0.1))
     samples = evaluate(path, np.linspace(path.times[0], path.times[-1], 20_001)).T
-    assert actual.distance <= KDTree(places).query(samples)[0].min() - 0.01 + 1e-5
-    distance, number = KDTree(places).query(actual.position)
+    assert actual.distance <= KDTree(positions).query(samples)[0].min() - 0.01 + 1e-5
+    distance, number = KDTree(positions).query(actual.position)
     assert actual.distance == pytest.approx(distance - 0.01)
     assert actual.obstacle == str(number)
 

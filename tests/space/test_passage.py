@@ -31,7 +31,7 @@ class Boxes(Regions):
         return len(self) - 1
 
 
-def shortest_polyline(regions, legs, places, corridors):
+def shortest_polyline(regions, legs, waypoints, corridors):
     """Return the length (m) of the shortest polyline with one straight piece in each region, or None."""
     program = MathematicalProgram()
     corners = [program.NewContinuousVariables(3) for _ in range(sum(map(len, legs)) + 1)]
@@ -49,30 +49,30 @@ def shortest_polyline(regions, legs, places, corridors):
             np.hstack([rows, [[1.0], [0.0], [0.0], [0.0]]]), np.zeros(4), np.concatenate([*ends, [length]])
         )
         program.AddLinearCost(length)
-    for place, corner in zip(places, np.cumsum([0, *map(len, legs)]), strict=True):
-        if isinstance(place, Sphere):
+    for waypoint, corner in zip(waypoints, np.cumsum([0, *map(len, legs)]), strict=True):
+        if isinstance(waypoint, Sphere):
             program.AddLorentzConeConstraint(
                 np.vstack([np.zeros((1, 3)), np.eye(3)]),
-                np.concatenate([[place.radius], -place.centre]),
+                np.concatenate([[waypoint.radius], -waypoint.centre]),
                 corners[corner],
             )
         else:
-            program.AddBoundingBoxConstraint(place.low, place.high, corners[corner])
+            program.AddBoundingBoxConstraint(waypoint.low, waypoint.high, corners[corner])
     result = ClarabelSolver().Solve(program)
     return result.get_optimal_cost() if result.is_success() else None
 
 
-def costs_of_all(regions, places, corridors, longest=4):
+def costs_of_all(regions, waypoints, corridors, longest=4):
     """Return the costs of all possible passages, m. A cost is the length of a polyline plus its transition costs."""
     orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
     chains = [order for order in orders if all(regions.intersection(i, j) for i, j in itertools.pairwise(order))]
     possible = [
-        [each for each in chains if shortest_polyline(regions, [each], places[i : i + 2], [corridor]) is not None]
+        [each for each in chains if shortest_polyline(regions, [each], waypoints[i : i + 2], [corridor]) is not None]
         for i, corridor in enumerate(corridors)
     ]
     costs = {}
     for legs in itertools.product(*possible):
-        length = shortest_polyline(regions, legs, places, corridors)
+        length = shortest_polyline(regions, legs, waypoints, corridors)
         if length is not None:
             # Each leg has transitions from its waypoint to a region, between regions, and to the next waypoint.
             costs[legs] = length + TRANSITION_COST * sum(len(leg) + 1 for leg in legs)
@@ -130,11 +130,11 @@ MAZES = {
 }
 
 
-@pytest.mark.parametrize(("boxes", "places", "corridors"), MAZES.values(), ids=MAZES)
-def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridors):
+@pytest.mark.parametrize(("boxes", "waypoints", "corridors"), MAZES.values(), ids=MAZES)
+def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, waypoints, corridors):
     regions = Boxes(*boxes)
-    actual = find_passage(regions, [range(len(regions))] * len(corridors), places, corridors)
-    costs = costs_of_all(regions, places, corridors)
+    actual = find_passage(regions, [range(len(regions))] * len(corridors), waypoints, corridors)
+    costs = costs_of_all(regions, waypoints, corridors)
     assert costs[actual] == pytest.approx(min(costs.values()), abs=1e-5)
 
 
@@ -148,43 +148,43 @@ def test_a_passage_uses_only_candidate_regions():
 
 def test_regions_that_hardly_overlap_are_not_connected():
     """The intersection of two regions, and its part inside a corridor, must contain a ball with a radius of 1 mm."""
-    for overlap, leads in ((0.0015, False), (0.0025, True)):
+    for overlap, is_connected in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
-        places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
-        assert (regions.intersection(0, 1) is not None) == leads
-        assert (regions.intersection(1, 0) is not None) == leads
-        assert find_passage(regions, [[0, 1]], places, [None]) == (((0, 1),) if leads else None)
-        ends = [place.centre[None] for place in places]
-        assert other_passages(regions, ends, [None], count=3) == ([((0, 1),)] if leads else [])
+        waypoints = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
+        assert (regions.intersection(0, 1) is not None) == is_connected
+        assert (regions.intersection(1, 0) is not None) == is_connected
+        assert find_passage(regions, [[0, 1]], waypoints, [None]) == (((0, 1),) if is_connected else None)
+        ends = [waypoint.centre[None] for waypoint in waypoints]
+        assert other_passages(regions, ends, [None], count=3) == ([((0, 1),)] if is_connected else [])
     regions = Boxes(([0, 0, 0], [1.5, 1, 1]), ([1, 0, 0], [2, 1, 1]))
-    for height, leads in ((0.0015, False), (0.0025, True)):
+    for height, is_connected in ((0.0015, False), (0.0025, True)):
         corridor = Box([0, 0, 0], [2, 1, height])
-        places = [Box.point([0.5, 0.5, 0.0]), Box.point([1.7, 0.5, 0.0])]
-        assert find_passage(regions, [[0, 1]], places, [corridor]) == (((0, 1),) if leads else None)
-        ends = [place.centre[None] for place in places]
-        assert other_passages(regions, ends, [corridor], count=3) == ([((0, 1),)] if leads else [])
+        waypoints = [Box.point([0.5, 0.5, 0.0]), Box.point([1.7, 0.5, 0.0])]
+        assert find_passage(regions, [[0, 1]], waypoints, [corridor]) == (((0, 1),) if is_connected else None)
+        ends = [waypoint.centre[None] for waypoint in waypoints]
+        assert other_passages(regions, ends, [corridor], count=3) == ([((0, 1),)] if is_connected else [])
 
 
-@pytest.mark.parametrize("places", [[START, END], [START, END, Box.point([2.0, 0.5, 0.5])]])
-def test_random_passages_are_feasible(places):
+@pytest.mark.parametrize("waypoints", [[START, END], [START, END, Box.point([2.0, 0.5, 0.5])]])
+def test_random_passages_are_feasible(waypoints):
     regions = Boxes(*BOXES_AROUND_PILLAR)
-    corridors = [None] * (len(places) - 1)
-    actual = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
+    corridors = [None] * (len(waypoints) - 1)
+    actual = other_passages(regions, [waypoint.centre[None] for waypoint in waypoints], corridors, count=30)
     assert len(actual) == len(set(actual)) > 1
-    assert set(actual) <= set(costs_of_all(regions, places, corridors))
+    assert set(actual) <= set(costs_of_all(regions, waypoints, corridors))
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
     """Two routes around a square are equally long, and both are found. If one becomes longer, it is not found."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
-    middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
-    assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
+    ends = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
+    assert set(other_passages(regions, ends, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
     # The centre of the bottom box is so far away that the route through it is 40 m long. The route along the top is 5 m
     # long.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
-    assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
-    assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
-    assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
+    assert other_passages(far, ends, [None], count=12) == [((2, 1, 3),)]
+    assert other_passages(far, ends, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
+    assert other_passages(far, ends, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
 def test_passage_lengths_include_the_distance_from_a_waypoint_to_the_centre_of_its_region():
@@ -201,25 +201,25 @@ def test_a_chain_of_regions_uses_the_box_that_covers_the_longest_part_of_the_rou
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
-    way = np.column_stack([np.arange(0.1, 4.0, 0.2), np.full(20, 0.5), np.full(20, 0.5)])
-    assert region_chain(regions, way) == [1, 2]
-    assert region_chain(regions, way[::-1]) == [2, 1]
+    route = np.column_stack([np.arange(0.1, 4.0, 0.2), np.full(20, 0.5), np.full(20, 0.5)])
+    assert region_chain(regions, route) == [1, 2]
+    assert region_chain(regions, route[::-1]) == [2, 1]
     assert len(regions) == 4
 
 
 def test_new_regions_are_grown_where_existing_regions_do_not_cover_the_route():
     """The gap between the two existing boxes is 0.8 m wide."""
     regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
-    way = np.array(
+    route = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
     )
-    actual = region_chain(regions, way)
+    actual = region_chain(regions, route)
     assert (actual[0], actual[-1]) == (0, 1)
     assert len(regions) > 2
-    for one, other in itertools.pairwise(actual):
-        assert one != other
-        assert regions.intersection(one, other) is not None
-    assert regions.containing(way, actual).any(axis=0).all()
+    for first, second in itertools.pairwise(actual):
+        assert first != second
+        assert regions.intersection(first, second) is not None
+    assert regions.containing(route, actual).any(axis=0).all()
 
 
 def test_candidate_regions_are_the_chain_of_the_leg_and_then_regions_on_the_shortest_routes():
@@ -230,8 +230,8 @@ def test_candidate_regions_are_the_chain_of_the_leg_and_then_regions_on_the_shor
     lengths[10:12] = np.inf
     shortest = {i: lengths[2 * i : 2 * i + 2].min() for i in range(12)}
     chosen = candidate_regions(regions, [5, 3, 5], points, lengths)
-    others = sorted(set(shortest) - {3, 5}, key=shortest.get)
-    assert chosen == [5, 3, *others[:6]]
+    other_regions = sorted(set(shortest) - {3, 5}, key=shortest.get)
+    assert chosen == [5, 3, *other_regions[:6]]
     # The shortest route does not lead through the other boxes.
     lengths[4:] = np.inf
     assert sorted(candidate_regions(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
@@ -247,20 +247,20 @@ def test_without_random_factors_passages_are_the_shortest_between_the_centres_of
     regions = Boxes(*((begin, begin + size) for begin, size in zip(low, random.uniform(0.8, 2.0, (6, 3)), strict=True)))
     ends = [regions[number].centre + 0.3 * random.uniform(-1.0, 1.0, (3, 3)) for number in (0, 3, 5)]
 
-    def away(number, points):
-        held = points[regions.containing(points, [number])[0]]
-        return np.linalg.norm(held - regions[number].centre, axis=1).min(initial=np.inf) + TRANSITION_COST
+    def cost_to_end(number, points):
+        contained_points = points[regions.containing(points, [number])[0]]
+        return np.linalg.norm(contained_points - regions[number].centre, axis=1).min(initial=np.inf) + TRANSITION_COST
 
-    def between(one, other):
-        common = regions.intersection(one, other).centre
-        return sum(np.linalg.norm(regions[number].centre - common) for number in (one, other)) + TRANSITION_COST
+    def transition_cost(first, second):
+        common = regions.intersection(first, second).centre
+        return sum(np.linalg.norm(regions[number].centre - common) for number in (first, second)) + TRANSITION_COST
 
     legs = []
     for begin, end in itertools.pairwise(ends):
         costs = {
-            order: away(order[0], begin)
-            + away(order[-1], end)
-            + sum(between(*pair) for pair in itertools.pairwise(order))
+            order: cost_to_end(order[0], begin)
+            + cost_to_end(order[-1], end)
+            + sum(transition_cost(*pair) for pair in itertools.pairwise(order))
             for count in range(1, 7)
             for order in itertools.permutations(range(6), count)
             if all(regions.intersection(*pair) is not None for pair in itertools.pairwise(order))

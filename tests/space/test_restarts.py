@@ -16,7 +16,7 @@ from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.planner import MinimumTimeTiming, plan_path
 from drake_quad.reference.regions import Box
-from drake_quad.space.around import plan_collision_free_path, with_corridors
+from drake_quad.space.collision_free import plan_collision_free_path, with_corridors
 from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
@@ -38,10 +38,10 @@ def durations_of_restarts(room, problem, count):
     for start in range(0, count, _NUM_PASSAGES_PER_SET):
         random = np.random.default_rng([start, 27])
         regions = Regions(room.space, room.bounds)
-        for place in room.places:
-            regions.grow(place)
+        for endpoint in room.endpoints:
+            regions.grow(endpoint)
         regions.cover(grid.points[free], random.uniform(size=int(free.sum())))
-        ends = [place[None] for place in room.places]
+        ends = [endpoint[None] for endpoint in room.endpoints]
         for passage in other_passages(regions, ends, problem.corridors, count=_NUM_PASSAGES_PER_SET, seed=start):
             try:
                 actual.append(
@@ -57,10 +57,13 @@ def durations_of_restarts(room, problem, count):
 def test_no_random_restart_finds_a_much_faster_path(seed):
     """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
-    problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
-    ours = plan_collision_free_path(room.space, room.bounds, problem, MinimumTimeTiming())[0].duration
+    problem = PathProblem([Box.point(endpoint) for endpoint in room.endpoints], limits=LIMITS)
+    planned_duration = plan_collision_free_path(room.space, room.bounds, problem, MinimumTimeTiming())[0].duration
     durations = durations_of_restarts(room, problem, NUM_RESTARTS)
     assert durations
     best = min(durations)
-    print(f"room {seed}: {ours:.3f} s, the best of {len(durations)} {best:.3f} s, ratio {ours / best:.3f}")
-    assert ours <= 1.15 * best
+    print(
+        f"room {seed}: {planned_duration:.3f} s, the best of {len(durations)} {best:.3f} s,"
+        f" ratio {planned_duration / best:.3f}"
+    )
+    assert planned_duration <= 1.15 * best

@@ -14,7 +14,7 @@ from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.regions import Box
-from drake_quad.space.around import plan_collision_free_path
+from drake_quad.space.collision_free import plan_collision_free_path
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
@@ -25,7 +25,7 @@ LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
 
 def plan(room, timing):
-    problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
+    problem = PathProblem([Box.point(endpoint) for endpoint in room.endpoints], limits=LIMITS)
     return plan_collision_free_path(room.space, room.bounds, problem, timing)[0]
 
 
@@ -51,10 +51,10 @@ def test_the_planner_finds_a_path_through_a_random_room_unless_the_room_is_block
             assert search.is_surely_blocked() or Search(room, 0.02).is_surely_blocked()
     else:
         assert keeps_clearance(room, path)
-        np.testing.assert_allclose(path.waypoints[[0, -1]], room.places, atol=1e-9)
+        np.testing.assert_allclose(path.waypoints[[0, -1]], room.endpoints, atol=1e-9)
 
 
-def walled(*solids):
+def room_with_wall(*solids):
     """Return a room that a wall divides. The wall consists of cuboids, given by centre and size."""
     obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
     space = Space(obstacles, radius=0.15, margin=0.05)
@@ -91,14 +91,14 @@ PASSAGE_TIMINGS = [
     ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
 def test_the_path_uses_the_same_opening_as_the_shortest_route(name, timing):
-    room = walled(*WALLS_WITH_OPENINGS[name])
+    room = room_with_wall(*WALLS_WITH_OPENINGS[name])
     path = plan(room, timing)
     assert keeps_clearance(room, path)
     for order, limit in LIMITS.by_order.items():
         assert peak_norm(path, order) <= limit + 1e-9
-    way = Search(room).shortest()
+    route = Search(room).shortest()
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 2000)).T
-    crossed, expected = (each[np.abs(each[:, 0] - 2.0).argmin()] for each in (points, way))
+    crossed, expected = (each[np.abs(each[:, 0] - 2.0).argmin()] for each in (points, route))
     # Both paths pass through the same opening, so they are on the same side of the wall's middle.
     between = crossed + np.linspace(0.0, 1.0, 200)[:, None] * (expected - crossed)
     between[:, 0] = 2.0
@@ -115,5 +115,5 @@ def test_a_room_has_the_same_plan_in_another_process():
         "print(hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest())\n"
     )
     folder = __file__.rpartition("/")[0]
-    other = subprocess.run([sys.executable, "-c", text], cwd=folder, capture_output=True, text=True, check=True)
-    assert other.stdout.strip() == digest
+    other_process = subprocess.run([sys.executable, "-c", text], cwd=folder, capture_output=True, text=True, check=True)
+    assert other_process.stdout.strip() == digest

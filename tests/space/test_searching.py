@@ -1,11 +1,11 @@
-"""Tests of the parts of the search for a route: grid, regions, chains and passages."""
+"""Tests of the parts of the search for a route: grid, regions, chains of regions, and passages."""
 
 import itertools
 
 import numpy as np
 import pytest
 from rooms import least_distances, random_room
-from test_rooms import plan, walled
+from test_rooms import plan, room_with_wall
 
 from drake_quad.errors import InputError
 from drake_quad.reference.planner import HeuristicTiming
@@ -27,10 +27,10 @@ def test_a_route_over_an_empty_grid_is_nearly_straight():
     bounds = Box([0.0, 0.0, 0.0], [2.0, 1.0, 1.0])
     grid = Grid.of(Space((), radius=0.1), bounds, max_points=30_000, min_spacing=0.05)
     begin, end = np.array([[0.11, 0.12, 0.13]]), np.array([[1.87, 0.12, 0.13]])
-    lengths, before = grid.route_lengths(begin, 0.1)
-    way = grid.shortest_route(lengths, before, begin, end)
-    np.testing.assert_allclose(way[[0, -1]], [begin[0], end[0]])
-    assert 1.76 <= np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 1.8
+    lengths, predecessors = grid.route_lengths(begin, 0.1)
+    route = grid.shortest_route(lengths, predecessors, begin, end)
+    np.testing.assert_allclose(route[[0, -1]], [begin[0], end[0]])
+    assert 1.76 <= np.linalg.norm(np.diff(route, axis=0), axis=1).sum() < 1.8
     corner = np.abs(grid.points - [2.0, 1.0, 1.0]).sum(axis=1).argmin()
     straight = np.linalg.norm(grid.points[corner] - begin[0])
     # Routes in 26 directions are at most 1.13 times as long as a straight line.
@@ -38,20 +38,20 @@ def test_a_route_over_an_empty_grid_is_nearly_straight():
 
 
 def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
-    shut = walled(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
-    begin, end = shut.places[:1], shut.places[1:]
-    grid = grid_of(shut)
-    lengths, before = grid.route_lengths(begin, shut.space.clearance)
-    assert grid.shortest_route(lengths, before, begin, end) is None
-    door = walled(WALL_WITH_DOOR)
+    closed_room = room_with_wall(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
+    begin, end = closed_room.endpoints[:1], closed_room.endpoints[1:]
+    grid = grid_of(closed_room)
+    lengths, predecessors = grid.route_lengths(begin, closed_room.space.clearance)
+    assert grid.shortest_route(lengths, predecessors, begin, end) is None
+    door = room_with_wall(WALL_WITH_DOOR)
     grid = grid_of(door)
-    lengths, before = grid.route_lengths(begin, door.space.clearance)
-    way = grid.shortest_route(lengths, before, begin, end)
-    fine = np.concatenate([np.linspace(a, b, 30) for a, b in itertools.pairwise(way)])
+    lengths, predecessors = grid.route_lengths(begin, door.space.clearance)
+    route = grid.shortest_route(lengths, predecessors, begin, end)
+    fine = np.concatenate([np.linspace(a, b, 30) for a, b in itertools.pairwise(route)])
     assert least_distances(door.space, fine).min() >= door.space.clearance - 1e-9
     inside = grid.points[:, 1] < 2.0
-    lengths, before = grid.route_lengths(begin, door.space.clearance, inside)
-    assert grid.shortest_route(lengths, before, begin, end) is None
+    lengths, predecessors = grid.route_lengths(begin, door.space.clearance, inside)
+    assert grid.shortest_route(lengths, predecessors, begin, end) is None
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -61,9 +61,9 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
     grid = grid_of(room)
     regions.cover(grid.points[grid.nearest >= room.space.clearance + 1e-4], random.uniform(size=len(grid.points)))
     points = room.bounds.low + random.uniform(size=(40_000, 3)) * (room.bounds.high - room.bounds.low)
-    held = regions.containing(points).any(axis=0)
-    assert 0.2 < held.mean() < 1.0
-    assert least_distances(room.space, points[held]).min() >= room.space.clearance
+    is_covered = regions.containing(points).any(axis=0)
+    assert 0.2 < is_covered.mean() < 1.0
+    assert least_distances(room.space, points[is_covered]).min() >= room.space.clearance
     free = points[least_distances(room.space, points) >= room.space.clearance + 1e-3]
     number = regions.grow(free[0])
     assert regions.containing(free[:1], [number])[0, 0]
@@ -72,33 +72,33 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
 
 
 def test_the_region_chain_covers_the_grid_route_and_the_passage_leads_through_the_door_in_a_wall():
-    room = walled(WALL_WITH_DOOR)
-    grid, (begin, end) = grid_of(room), room.places[:, None]
-    lengths, before = grid.route_lengths(begin, room.space.clearance)
-    onward, _ = grid.route_lengths(end, room.space.clearance)
-    way = grid.shortest_route(lengths, before, begin, end)
+    room = room_with_wall(WALL_WITH_DOOR)
+    grid, (begin, end) = grid_of(room), room.endpoints[:, None]
+    lengths, predecessors = grid.route_lengths(begin, room.space.clearance)
+    lengths_to_end, _ = grid.route_lengths(end, room.space.clearance)
+    route = grid.shortest_route(lengths, predecessors, begin, end)
     regions = Regions(room.space, room.bounds)
-    numbers = region_chain(regions, way)
-    assert regions.containing(way, numbers).any(axis=0).all()
-    for one, other in itertools.pairwise(numbers):
-        assert regions.intersection(one, other).radius > MIN_COMMON_RADIUS
-    looked_at = candidate_regions(regions, numbers, grid.points, lengths + onward)
-    assert set(numbers) <= set(looked_at)
-    places = [Box.point(place) for place in room.places]
-    (leg,) = find_passage(regions, [looked_at], places, [None])
+    numbers = region_chain(regions, route)
+    assert regions.containing(route, numbers).any(axis=0).all()
+    for first, second in itertools.pairwise(numbers):
+        assert regions.intersection(first, second).radius > MIN_COMMON_RADIUS
+    candidates = candidate_regions(regions, numbers, grid.points, lengths + lengths_to_end)
+    assert set(numbers) <= set(candidates)
+    waypoints = [Box.point(endpoint) for endpoint in room.endpoints]
+    (leg,) = find_passage(regions, [candidates], waypoints, [None])
     assert regions.containing(begin, [leg[0]]).all()
     assert regions.containing(end, [leg[-1]]).all()
-    for one, other in itertools.pairwise(leg):
-        assert regions.intersection(one, other) is not None
-    shut = Box([0.0, 0.0, 0.0], [4.0, 1.8, 2.0])
-    assert find_passage(regions, [looked_at], places, [shut]) is None
+    for first, second in itertools.pairwise(leg):
+        assert regions.intersection(first, second) is not None
+    closed_corridor = Box([0.0, 0.0, 0.0], [4.0, 1.8, 2.0])
+    assert find_passage(regions, [candidates], waypoints, [closed_corridor]) is None
 
 
 @pytest.mark.long
 def test_the_message_names_all_obstacles_that_must_be_removed():
     """Only the removal of all three consecutive walls opens a route. A box next to them is not named."""
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
-    room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
+    room = room_with_wall(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
     with pytest.raises(InputError) as refusal:
         plan(room, HeuristicTiming())
     message = str(refusal.value)
@@ -137,9 +137,9 @@ def test_a_region_always_contains_the_free_point_around_which_it_grows():
     room = random_room(1)
     grid = grid_of(room)
     free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)
-    tightest = free[np.argsort(grid.nearest[free])]
+    by_clearance = free[np.argsort(grid.nearest[free])]
     regions = Regions(room.space, room.bounds)
-    for seed in grid.points[tightest[:8]]:
+    for seed in grid.points[by_clearance[:8]]:
         assert regions.containing(seed[None], [regions.grow(seed)]).all()
 
 
@@ -165,7 +165,7 @@ def test_regions_grow_around_the_points_with_the_largest_clearance_until_most_po
     regions.cover(points, distances)
     assert regions.seeds == points[np.argsort(-distances)][:grown].tolist()
     # Points that a region already contains are not seeds.
-    again = SmallRegions()
-    again.grow(points[0])
-    again.cover(points, distances)
-    assert again.seeds.count(points[0].tolist()) == 1
+    other_regions = SmallRegions()
+    other_regions.grow(points[0])
+    other_regions.cover(points, distances)
+    assert other_regions.seeds.count(points[0].tolist()) == 1

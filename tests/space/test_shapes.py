@@ -93,10 +93,12 @@ def test_distances_for_floats_and_in_machine_code_agree_with_arrays(shape):
     points = np.vstack([points_around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
     expected = shape.distances(points)
     np.testing.assert_allclose([shape.distance(*p) for p in points.tolist()], expected, rtol=1e-12, atol=1e-9)
-    for lone, one in ((False, points), *((True, point[None]) for point in points[:20])):
-        actual = np.full(len(one), np.nan)
-        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), single_vehicle=lone)(len(one), 0.0, actual, *one.T.copy())
-        np.testing.assert_allclose(actual, shape.distances(one), rtol=1e-12, atol=1e-9)
+    for is_single, tested_points in ((False, points), *((True, point[None]) for point in points[:20])):
+        actual = np.full(len(tested_points), np.nan)
+        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), single_vehicle=is_single)(
+            len(tested_points), 0.0, actual, *tested_points.T.copy()
+        )
+        np.testing.assert_allclose(actual, shape.distances(tested_points), rtol=1e-12, atol=1e-9)
 
 
 @each_shape
@@ -154,9 +156,9 @@ def test_the_rotation_of_a_solid_is_given_as_roll_pitch_and_yaw():
 
 def test_transformed_points_are_scaled_rotated_and_moved():
     cuboid = SHAPES["cuboid"]
-    own = Cuboid((0.0, 0.0, 0.0), size=cuboid.size).corners()
+    local_corners = Cuboid((0.0, 0.0, 0.0), size=cuboid.size).corners()
     np.testing.assert_allclose(
-        transformed_points(0.5 * own, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners()
+        transformed_points(0.5 * local_corners, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners()
     )
 
 
@@ -185,7 +187,7 @@ def test_solids_have_unit_size_by_default():
 
 def test_a_failure_of_qhull_is_reported(monkeypatch):
     def fail(points):
-        raise scipy.spatial.QhullError("no luck")
+        raise scipy.spatial.QhullError("Qhull failed")
 
     monkeypatch.setattr(scipy.spatial, "ConvexHull", fail)
     with pytest.raises(InputError, match="no hull of 30 points was found"):
@@ -205,11 +207,11 @@ def test_a_space_finds_the_nearest_obstacle():
 
 
 @pytest.mark.parametrize("make", [Cuboid, Cylinder, Ball])
-@pytest.mark.parametrize(("name", "place"), [("centre", 0), ("rotation", 1)])
-def test_every_solid_needs_a_pose_of_three_finite_numbers(make, name, place):
-    for wrong in ((0.0, math.nan, 0.0), (0.0, 1.0), (0.0, 0.0, 0.0, 1.0)):
+@pytest.mark.parametrize(("name", "index"), [("centre", 0), ("rotation", 1)])
+def test_every_solid_needs_a_pose_of_three_finite_numbers(make, name, index):
+    for invalid_value in ((0.0, math.nan, 0.0), (0.0, 1.0), (0.0, 0.0, 0.0, 1.0)):
         pose = [CENTRE, ROTATION]
-        pose[place] = wrong
+        pose[index] = invalid_value
         with pytest.raises(InputError, match=f"the {name} of a solid must be three finite numbers"):
             make(*pose)
 
@@ -224,14 +226,14 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
     np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
-def test_a_hull_has_the_same_faces_far_from_the_origin(away):
+@pytest.mark.parametrize("distance", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
+def test_a_hull_has_the_same_faces_far_from_the_origin(distance):
     """At a distance of 10,000 km from the origin, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
     points = points_around(hull, 300)
-    far = convex_hull(np.array(hull.corners) + away)
+    far = convex_hull(np.array(hull.corners) + distance)
     assert len(far.corners) == len(hull.corners)
-    np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
+    np.testing.assert_allclose(far.distances(points + distance), hull.distances(points), atol=1e-6)
 
 
 def test_points_in_a_plane_are_rejected_as_a_hull():
@@ -248,13 +250,18 @@ def test_transformed_points_are_not_scaled_by_default():
     np.testing.assert_allclose(transformed_points(corners, centre=CENTRE), corners + CENTRE)
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, math.inf, math.nan])
-def test_every_size_of_a_solid_must_be_positive_and_finite(wrong):
+@pytest.mark.parametrize("invalid_size", [0.0, -1.0, math.inf, math.nan])
+def test_every_size_of_a_solid_must_be_positive_and_finite(invalid_size):
     for make, words in (
-        (lambda: Ball(CENTRE, radius=wrong), "radius"),
-        (lambda: Cylinder(CENTRE, radius=wrong), "radius"),
-        (lambda: Cylinder(CENTRE, height=wrong), "height"),
-        *((lambda i=i: Cuboid(CENTRE, size=tuple(np.where(np.arange(3) == i, wrong, 1.0))), "size") for i in range(3)),
+        (lambda: Ball(CENTRE, radius=invalid_size), "radius"),
+        (lambda: Cylinder(CENTRE, radius=invalid_size), "radius"),
+        (lambda: Cylinder(CENTRE, height=invalid_size), "height"),
+        *(
+            (lambda i=i: Cuboid(CENTRE, size=tuple(np.where(np.arange(3) == i, invalid_size, 1.0))), "size")
+            for i in range(3)
+        ),
     ):
-        with pytest.raises(InputError, match=f"the {words} of a solid is {wrong:g} m, but must be positive and finite"):
+        with pytest.raises(
+            InputError, match=f"the {words} of a solid is {invalid_size:g} m, but must be positive and finite"
+        ):
             make()

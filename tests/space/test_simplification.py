@@ -28,11 +28,11 @@ def drone(corners_per_disc, num_dome_points=0):
             it adds eight corners to the hull.
         num_dome_points: number of vertices on the dome.
     """
-    places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
+    rotor_centres = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
     arc = np.linspace(0.0, 0.5 * math.pi, corners_per_disc)
     points = [
         [x + math.copysign(0.065 * math.cos(angle), x), y + math.copysign(0.065 * math.sin(angle), y), z]
-        for x, y in places
+        for x, y in rotor_centres
         for angle in arc
         for z in (-0.02, 0.03)
     ]
@@ -70,13 +70,13 @@ MESHES = {
 @pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
 def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_growth):
     actual = simplified_hull(points, MAX_CORNERS)
-    original, simple = convex_hull(points), convex_hull(actual.corners)
+    original, simplified = convex_hull(points), convex_hull(actual.corners)
     size = np.ptp(points, axis=0).max()
     assert (len(actual.corners), actual.replaced) == (MAX_CORNERS, len(original.corners))
     assert actual.is_simpler
     # No point is outside, for any size of the mesh.
-    assert simple.distances(points).max() <= 0.0
-    normals, offsets = np.array(simple.normals), np.array(simple.offsets)
+    assert simplified.distances(points).max() <= 0.0
+    normals, offsets = np.array(simplified.normals), np.array(simplified.offsets)
     assert (points @ normals.T - offsets).max() <= 0.0
     # The growth is the largest distance between the two hulls, which occurs at a corner of the new hull.
     assert actual.growth == pytest.approx(original.distances(actual.corners).max(), rel=1e-9)
@@ -88,11 +88,11 @@ def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_
 @pytest.mark.slow
 def test_units_do_not_change_the_simplified_hull():
     points = sphere(150, 9)
-    simple = simplified_hull(points, MAX_CORNERS)
+    simplified = simplified_hull(points, MAX_CORNERS)
     for unit in (1e-6, 1e6):
         scaled = simplified_hull(unit * points, MAX_CORNERS)
-        assert scaled.corners == pytest.approx(unit * simple.corners, abs=1e-6 * unit)
-        assert scaled.growth == pytest.approx(unit * simple.growth, rel=1e-4)
+        assert scaled.corners == pytest.approx(unit * simplified.corners, abs=1e-6 * unit)
+        assert scaled.growth == pytest.approx(unit * simplified.growth, rel=1e-4)
 
 
 def test_a_failure_of_the_solver_is_reported(monkeypatch):
@@ -159,8 +159,8 @@ def test_directions_are_evenly_spread_unit_vectors():
         directions = simplification._directions(count)
         np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
         side = math.sqrt(4.0 * math.pi / count)
-        apart = np.linalg.norm(directions[:, None] - directions, axis=2) + 9.0 * np.eye(count)
-        assert apart.min() > 0.7 * side
+        distances = np.linalg.norm(directions[:, None] - directions, axis=2) + 9.0 * np.eye(count)
+        assert distances.min() > 0.7 * side
         gaps = np.linalg.norm(sphere(2000)[:, None] - directions, axis=2).min(axis=1)
         assert gaps.max() < side
 
@@ -176,8 +176,8 @@ def test_the_distance_from_a_flat_hull_is_the_distance_from_the_plane_or_line_of
             (4, np.abs(points[:, 2])),
         ):
             flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [-0.2, 0.7, 0.0]])[:count]
-            away = size * np.array([2.0, -3.0, 1.0])
-            actual = simplification._distances_from_hull(size * points + away, size * flat + away)
+            offset = size * np.array([2.0, -3.0, 1.0])
+            actual = simplification._distances_from_hull(size * points + offset, size * flat + offset)
             np.testing.assert_allclose(actual, size * distances, atol=1e-9 * size)
         solid = np.vstack([flat, [0.3, 0.2, -0.9]])
         hull = convex_hull(solid)

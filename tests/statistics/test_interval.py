@@ -101,8 +101,8 @@ def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_th
     """The estimate, and the distances of both ends from the estimate, are random."""
     value = sign * size
     exact = Interval(value, value - below * size, value + above * size)
-    shown = exact.text(size=unit)
-    printed, low, high = (float(number) * unit for number in re.findall(NUMBER_PATTERN, shown))
+    text = exact.text(size=unit)
+    printed, low, high = (float(number) * unit for number in re.findall(NUMBER_PATTERN, text))
     largest = max(map(abs, exact))
     rounding = 1e-10 * largest
     assert low <= exact.low + rounding or not below
@@ -121,5 +121,5 @@ def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_th
 def test_a_spread_is_rounded_up_by_less_than_a_tenth(value, spread):
     texts = [plus_minus(value, spread), spread_text(spread)]
     for text in texts if spread > 1e-8 * value else texts[1:]:
-        *_, shown = map(float, re.findall(NUMBER_PATTERN, text))
-        assert spread * (1.0 - 1e-10) <= shown < 1.1 * spread * (1.0 + 1e-10)
+        *_, printed = map(float, re.findall(NUMBER_PATTERN, text))
+        assert spread * (1.0 - 1e-10) <= printed < 1.1 * spread * (1.0 + 1e-10)

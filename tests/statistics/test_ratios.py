@@ -126,10 +126,10 @@ def test_the_ratio_and_the_difference_of_a_comparison_agree():
     baseline = rng.lognormal(0.0, 1.0, 60)
     value = 0.5 * rng.permutation(baseline) + 0.3
     assert np.mean(value / baseline) > 1.0
-    metrics, other = (
+    metrics, baseline_metrics = (
         Metrics(*[each] * (len(Metrics._fields) - 1), np.full(60, math.inf)) for each in (value, baseline)
     )
-    actual = compare(metrics, other)
+    actual = compare(metrics, baseline_metrics)
     assert actual.ratio == ratio_of_means(value, baseline)
     assert (actual.ratio.value < 1.0) == (actual.difference.value < 0.0)
     assert (actual.ratio.high < 1.0) == (actual.difference.high < 0.0)

@@ -1,4 +1,4 @@
-"""Estimates from samples in independent replicates."""
+"""Tests of estimates from samples in independent replicates."""
 
 import math
 
@@ -19,9 +19,9 @@ from drake_quad.statistics.replicates import INDEPENDENT, MIN_REPLICATES, Replic
 
 def test_the_mean_has_student_s_interval_over_the_means_of_the_replicates():
     values = np.random.default_rng(0).exponential(size=(20, 7))
-    found = Replicates(np.repeat(np.arange(20), 7)).mean(values.ravel())
+    result = Replicates(np.repeat(np.arange(20), 7)).mean(values.ravel())
     expected = scipy.stats.ttest_1samp(values.mean(axis=1), 0.0).confidence_interval(0.95)
-    assert found == pytest.approx((values.mean(), expected.low, expected.high))
+    assert result == pytest.approx((values.mean(), expected.low, expected.high))
 
 
 def test_a_mean_over_replicates_of_different_sizes_is_the_mean_of_the_values():
@@ -29,9 +29,9 @@ def test_a_mean_over_replicates_of_different_sizes_is_the_mean_of_the_values():
     rng = np.random.default_rng(1)
     members = np.sort(rng.integers(400, size=4000))
     values = rng.normal(3.0, 1.0, 4000)
-    found, plain = Replicates(members).mean(values), mean_interval(values)
-    assert found.value == pytest.approx(plain.value)
-    assert found.high - found.low == pytest.approx(plain.high - plain.low, rel=0.1)
+    result, plain = Replicates(members).mean(values), mean_interval(values)
+    assert result.value == pytest.approx(plain.value)
+    assert result.high - result.low == pytest.approx(plain.high - plain.low, rel=0.1)
 
 
 def test_without_replicates_all_intervals_are_those_of_independent_samples():
@@ -48,8 +48,8 @@ def test_equal_samples_of_a_replicate_count_once():
     occurs = np.random.default_rng(3).random(40) < 0.3
     replicates = Replicates(np.repeat(np.arange(40), 10))
     assert replicates.effective_number(np.repeat(occurs, 10)) == pytest.approx(37, abs=2)
-    found, expected = replicates.proportion(np.repeat(occurs, 10)), proportion_interval(int(occurs.sum()), 40)
-    assert found == pytest.approx(expected, abs=0.01)
+    result, expected = replicates.proportion(np.repeat(occurs, 10)), proportion_interval(int(occurs.sum()), 40)
+    assert result == pytest.approx(expected, abs=0.01)
     values = np.random.default_rng(4).normal(size=40)
     median, plain = replicates.quantile(np.repeat(values, 10), 0.5), quantile_interval(values, 0.5)
     assert median.value == plain.value
@@ -73,16 +73,16 @@ def test_one_replicate_gives_no_interval():
 
 def test_a_fraction_has_an_interval_within_0_and_1():
     values = np.random.default_rng(5).beta(0.2, 8.0, 64)
-    found = Replicates(np.repeat(np.arange(16), 4)).fraction(values)
-    assert found.value == pytest.approx(values.mean())
-    assert 0.0 < found.low < found.value < found.high < 1.0
+    result = Replicates(np.repeat(np.arange(16), 4)).fraction(values)
+    assert result.value == pytest.approx(values.mean())
+    assert 0.0 < result.low < result.value < result.high < 1.0
 
 
 def test_a_ratio_of_samples_is_the_ratio_of_the_sums_over_replicates():
     rng = np.random.default_rng(6)
     values, baseline = rng.random((16, 5)), rng.random((16, 5))
-    found = Replicates(np.repeat(np.arange(16), 5)).ratio(values.ravel(), baseline.ravel())
-    assert found == pytest.approx(ratio_of_means(values.mean(axis=1), baseline.mean(axis=1)))
+    result = Replicates(np.repeat(np.arange(16), 5)).ratio(values.ravel(), baseline.ravel())
+    assert result == pytest.approx(ratio_of_means(values.mean(axis=1), baseline.mean(axis=1)))
 
 
 def test_the_running_mean_ends_with_the_mean_over_all_replicates():

@@ -1,4 +1,4 @@
-"""Subset simulation of events with known probabilities."""
+"""Tests of subset simulation for events with known probabilities."""
 
 import math
 
@@ -8,8 +8,8 @@ import scipy
 
 from drake_quad import InputError
 from drake_quad.statistics.subset_simulation import (
-    MAX_NOISE,
     MIN_RUNS,
+    NOISE_SEED_BOUND,
     probability_of_runs,
     relative_half_width,
     run_together,
@@ -46,7 +46,7 @@ def far_away(probability):
 def event_of_noise(probability):
     """Return the performance function of an event that depends on the noise only."""
     return lambda points, noise: (
-        mean_of(scipy.special.ndtri((noise + 0.5) / MAX_NOISE)) + scipy.special.ndtri(probability)
+        mean_of(scipy.special.ndtri((noise + 0.5) / NOISE_SEED_BOUND)) + scipy.special.ndtri(probability)
     )
 
 
@@ -171,10 +171,10 @@ def test_simultaneous_runs_equal_separate_runs_and_need_fewer_evaluations():
 
     steps = [subset_steps(DIMENSION, NUM_NOISE, np.random.default_rng([3, i]), size=200) for i in range(4)]
     together = run_together(performance, steps)
-    alone = runs_of(event, 3, 4, size=200)
-    for found, expected in zip(together, alone, strict=True):
-        assert (found.probability, found.levels) == (expected.probability, expected.levels)
-        np.testing.assert_array_equal(found.points, expected.points)
+    separate_runs = runs_of(event, 3, 4, size=200)
+    for result, expected in zip(together, separate_runs, strict=True):
+        assert (result.probability, result.levels) == (expected.probability, expected.levels)
+        np.testing.assert_array_equal(result.points, expected.points)
     assert sizes[0] == 4 * 200
-    assert sum(sizes) == sum(run.num_evaluations for run in alone)
-    assert len(sizes) == max(run.num_evaluations - 200 for run in alone) // 20 + 1
+    assert sum(sizes) == sum(run.num_evaluations for run in separate_runs)
+    assert len(sizes) == max(run.num_evaluations - 200 for run in separate_runs) // 20 + 1

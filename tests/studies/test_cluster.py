@@ -64,10 +64,10 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    found = Cluster(tmp_path_factory.mktemp("cluster"))
-    found.add_worker()
-    yield found
-    found.end()
+    actual = Cluster(tmp_path_factory.mktemp("cluster"))
+    actual.add_worker()
+    yield actual
+    actual.end()
 
 
 def monte_carlo(address, folder, *options, command="study"):
@@ -100,7 +100,7 @@ for address in addresses:
 
 @pytest.fixture(scope="module", autouse=True)
 def unreachable(tmp_path_factory):
-    """Studies on unreachable clusters, which wait for a timeout while the other tests run."""
+    """Start studies on unreachable clusters. They wait for a timeout while the other tests run."""
     folder = tmp_path_factory.mktemp("unreachable") / "study"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -115,11 +115,11 @@ def unreachable(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def frozen(tmp_path_factory):
-    """Study whose scheduler is frozen; it waits for a reply while the other tests run."""
+    """Start a study and freeze its scheduler. The study waits for a reply while the other tests run."""
     folder = tmp_path_factory.mktemp("frozen")
     cluster = Cluster(folder)
     cluster.add_worker()
-    study = signalled(cluster, folder / "study", signal.SIGSTOP)
+    study = send_signal_during_study(cluster, folder / "study", signal.SIGSTOP)
     yield study, cluster, folder / "study"
     study.kill()
     study.communicate()
@@ -139,9 +139,9 @@ def test_a_study_on_a_cluster_has_the_results_of_a_local_study(cluster, tmp_path
     assert stderr.startswith("interrupted: ")
     assert 0 < len(read_study(folder).samples) < 300
 
-    gone_on = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "200", "--resume")
-    stdout, stderr = gone_on.communicate()
-    assert (gone_on.returncode, stderr) == (0, "")
+    resumed = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "200", "--resume")
+    stdout, stderr = resumed.communicate()
+    assert (resumed.returncode, stderr) == (0, "")
     assert stdout.splitlines()[-1].endswith("vehicle-seconds per second")
     run_monte_carlo(load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES), 300, folder=tmp_path / "here")
     assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
@@ -149,14 +149,14 @@ def test_a_study_on_a_cluster_has_the_results_of_a_local_study(cluster, tmp_path
 
 @pytest.mark.long
 def test_a_search_on_a_cluster_evaluates_the_same_flights_as_a_local_search(cluster, tmp_path):
-    searched = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
-    stdout, stderr = searched.communicate()
-    assert (searched.returncode, stderr) == (0, "")
+    process = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
+    stdout, stderr = process.communicate()
+    assert (process.returncode, stderr) == (0, "")
     assert "fractions of the variance of rmse" in stdout
     scenario = load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES)
     sobol_indices(scenario, "rmse", num_points=8, folder=tmp_path / "here")
-    there, here = (tmp_path / name / "flights.csv" for name in ("there", "here"))
-    assert there.read_bytes() == here.read_bytes()
+    cluster_file, local_file = (tmp_path / name / "flights.csv" for name in ("there", "here"))
+    assert cluster_file.read_bytes() == local_file.read_bytes()
 
 
 @pytest.mark.long
@@ -175,11 +175,11 @@ with dask_pool("{cluster.address}") as pool:
     assert (run.returncode, run.stderr) == (0, "")
 
 
-def signalled(cluster, folder, sent):
+def send_signal_during_study(cluster, folder, signal_number):
     """Return a study that has written some results when its scheduler receives a signal."""
     study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
     wait_for_results(study, folder)
-    cluster.scheduler.send_signal(sent)
+    cluster.scheduler.send_signal(signal_number)
     return study
 
 
@@ -298,4 +298,4 @@ def test_a_scheduler_that_freezes_ends_a_study(frozen):
 def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
     """This is the last test, since the others need the scheduler."""
     folder = tmp_path / "study"
-    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")
+    check_end(send_signal_during_study(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")

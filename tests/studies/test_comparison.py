@@ -1,4 +1,4 @@
-"""Comparisons of controllers on the same samples."""
+"""Tests of comparisons of controllers on the same samples."""
 
 import math
 from types import SimpleNamespace
@@ -20,25 +20,27 @@ def metrics(rmse, crash_time):
 def test_the_ratio_of_means_is_over_samples_without_a_crash():
     ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
     baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
-    found, reverse = compare(ours, baseline), compare(baseline, ours)
-    assert (found.num_pairs, found.ratio.value) == (2, 5.0)
+    result, reverse = compare(ours, baseline), compare(baseline, ours)
+    assert (result.num_pairs, result.ratio.value) == (2, 5.0)
     assert (reverse.num_pairs, reverse.ratio.value) == (2, 0.2)
 
 
-@pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
-def test_the_significance_of_crashes_follows_from_the_sign_test(ours, theirs, significance):
+@pytest.mark.parametrize(
+    ("only_first", "only_second", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)]
+)
+def test_the_significance_of_crashes_follows_from_the_sign_test(only_first, only_second, significance):
     """By McNemar's exact test, five crashes of only one controller have the p-value 2 / 2⁵."""
     times = np.full((2, 8), math.inf)
-    times[0, :ours] = times[1, 8 - theirs :] = 1.0
-    found = compare(*(metrics(np.ones(8), each) for each in times))
-    assert (found.crashed, found.baseline_crashed) == (ours, theirs)
-    assert found.crash_significance == pytest.approx(significance)
+    times[0, :only_first] = times[1, 8 - only_second :] = 1.0
+    result = compare(*(metrics(np.ones(8), each) for each in times))
+    assert (result.crashed, result.baseline_crashed) == (only_first, only_second)
+    assert result.crash_significance == pytest.approx(significance)
 
 
 def test_samples_fly_in_the_given_order():
     scenario, reports = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
-    found = fly_samples(scenario, [5, 2], progress=lambda *each: reports.append(each))
-    for sample, rmse in zip((5, 2), found.rmse, strict=True):
+    result = fly_samples(scenario, [5, 2], progress=lambda *each: reports.append(each))
+    for sample, rmse in zip((5, 2), result.rmse, strict=True):
         assert simulate(scenario, sample=sample).metrics.rmse == pytest.approx(rmse, rel=1e-9)
     assert reports[-1] == (pytest.approx(0.2), pytest.approx(0.2))
 

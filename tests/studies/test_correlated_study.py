@@ -1,4 +1,4 @@
-"""Studies with correlated random parameters: reproducibility and influences."""
+"""Tests of studies with correlated random parameters: reproducibility and influences."""
 
 import math
 
@@ -38,22 +38,22 @@ def flown(scenario, tmp_path_factory):
 
 @pytest.mark.long
 def test_results_do_not_depend_on_the_batch_size(scenario, flown):
-    _, whole = flown
+    _, expected = flown
     single = run_monte_carlo(scenario, 7, 3, num_workers=1, batch_size=1)
     for path in (MASS, DRAG):
-        np.testing.assert_array_equal(single.parameters[path], whole.parameters[path])
-    np.testing.assert_allclose(single.metrics.rmse, whole.metrics.rmse, rtol=1e-9)
+        np.testing.assert_array_equal(single.parameters[path], expected.parameters[path])
+    np.testing.assert_allclose(single.metrics.rmse, expected.metrics.rmse, rtol=1e-9)
 
 
 def test_a_study_with_correlations_can_be_read_and_resumed(scenario, flown):
     """A resumed study flies rows again if their drawn values do not follow from the seed."""
-    folder, whole = flown
-    np.testing.assert_allclose(read_study(folder).parameters[MASS], whole.parameters[MASS], rtol=1e-11)
-    again = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
-    assert (len(again.samples), again.invalid_lines) == (9, ())
-    assert again.simulated_time == pytest.approx(2 * 0.2)
-    drawn = Batch.draw(scenario, range(9), seed=3).varying[DRAG]
-    np.testing.assert_allclose(again.parameters[DRAG], drawn, rtol=1e-11)
+    folder, flown_study = flown
+    np.testing.assert_allclose(read_study(folder).parameters[MASS], flown_study.parameters[MASS], rtol=1e-11)
+    resumed_study = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
+    assert (len(resumed_study.samples), resumed_study.invalid_lines) == (9, ())
+    assert resumed_study.simulated_time == pytest.approx(2 * 0.2)
+    drawn_drag = Batch.draw(scenario, range(9), seed=3).varying[DRAG]
+    np.testing.assert_allclose(resumed_study.parameters[DRAG], drawn_drag, rtol=1e-11)
 
 
 def test_drake_monte_carlo_flies_correlated_samples(diagrams):
@@ -72,14 +72,14 @@ def study_of(scenario, count, rmse):
 
 def test_a_parameter_that_is_only_correlated_with_the_cause_has_no_partial_influence(scenario):
     """The error depends on the mass. Drag is correlated with the mass by 0.81, and therefore with the error."""
-    found = {
+    result = {
         each.path: each for each in influences(study_of(scenario, 2000, lambda mass, drag, step: 50.0 * mass + step))
     }
-    assert found[DRAG].correlation.low > 0.7
-    assert abs(found[DRAG].partial.value) < 0.06
-    assert found[MASS].partial.low > 0.9
+    assert result[DRAG].correlation.low > 0.7
+    assert abs(result[DRAG].partial.value) < 0.06
+    assert result[MASS].partial.low > 0.9
     # The step is drawn independently of the other parameters, so its partial correlation equals its correlation.
-    assert found[STEP].partial == found[STEP].correlation
+    assert result[STEP].partial == result[STEP].correlation
 
 
 def test_the_plot_shows_partial_correlations(scenario):
@@ -95,13 +95,13 @@ def test_the_partial_rank_correlation_agrees_with_the_recursion_formula():
     x, y = np.exp(z + noise[0]), (z + 0.5 * noise[1]) ** 3
     r = scipy.stats.spearmanr(np.stack([x, y, z]), axis=1).statistic
     expected = (r[0, 1] - r[0, 2] * r[1, 2]) / math.sqrt((1.0 - r[0, 2] ** 2) * (1.0 - r[1, 2] ** 2))
-    found = partial_rank_correlation(x, y, z[None])
-    assert found.value == pytest.approx(expected, rel=1e-12)
+    result = partial_rank_correlation(x, y, z[None])
+    assert result.value == pytest.approx(expected, rel=1e-12)
     # The interval is that of a rank correlation (Bonett and Wright) with 499 samples instead of 500, since one variable
     # is held constant.
-    reach = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
-    assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(reach, rel=1e-6)
-    assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(reach, rel=1e-6)
+    half_width = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
+    assert np.arctanh(result.high) - np.arctanh(expected) == pytest.approx(half_width, rel=1e-6)
+    assert np.arctanh(expected) - np.arctanh(result.low) == pytest.approx(half_width, rel=1e-6)
     assert partial_rank_correlation(x, y, np.empty((0, 500))) == rank_correlation(x, y)
 
 

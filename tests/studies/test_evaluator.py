@@ -25,7 +25,7 @@ def scenario():
     return load_scenario("laboratory:low_wind", [{key: value} for key, value in CORRELATED_DISTRIBUTIONS.items()])
 
 
-def drawn(scenario, samples):
+def points_of_samples(scenario, samples):
     """Return the points of the unit cube that correspond to samples of the study."""
     names = [name if name.startswith("shared ") else _stream(name) for name in coordinates(scenario)]
     return np.column_stack([parameter_numbers(scenario.seed, samples, name) for name in names])
@@ -44,7 +44,7 @@ def test_the_evaluator_has_the_metrics_of_a_study_with_the_same_random_numbers(s
     study = run_monte_carlo(scenario, 7, num_workers=1)
     evaluator = Evaluator(scenario, num_vehicles=4)
     samples = [6, 0, 3, 2, 5]
-    metrics = evaluator(drawn(scenario, samples), samples)
+    metrics = evaluator(points_of_samples(scenario, samples), samples)
     for name, values in metrics._asdict().items():
         assert np.array_equal(values, getattr(study.metrics, name)[samples], equal_nan=True), name
     assert evaluator.num_flights == 5
@@ -55,8 +55,8 @@ def test_a_coordinate_of_normal_space_is_the_normal_quantile(scenario):
     point = np.array([[0.2, 0.9, 0.5, 0.4]])
     normal = scipy.special.ndtri(point)
     assert evaluator.metrics_at_normal_points(normal, 3).rmse == pytest.approx(evaluator(point, 3).rmse, rel=1e-9)
-    alone = simulate(evaluator.scenario_at(point[0], 3))
-    assert alone.metrics.rmse == evaluator(point, [3]).rmse[0]
+    flight = simulate(evaluator.scenario_at(point[0], 3))
+    assert flight.metrics.rmse == evaluator(point, [3]).rmse[0]
 
 
 def test_a_shared_variable_moves_all_its_fields(scenario):
@@ -103,26 +103,29 @@ def test_a_scenario_without_distributions_is_refused():
 
 @pytest.mark.slow
 def test_the_noise_is_the_same_if_each_period_uses_the_sample_of_the_whole_flight(scenario):
-    whole, by_period = Evaluator(scenario, num_vehicles=3), Evaluator(scenario, num_vehicles=3, noise_period=0.2)
-    points = np.full((3, len(whole.names)), 0.4)
-    assert by_period.num_periods > 1
-    np.testing.assert_array_equal(whole(points, [4, 5, 6]), by_period(points, [4, 5, 6]))
+    with_one_period, with_many_periods = (
+        Evaluator(scenario, num_vehicles=3),
+        Evaluator(scenario, num_vehicles=3, noise_period=0.2),
+    )
+    points = np.full((3, len(with_one_period.names)), 0.4)
+    assert with_many_periods.num_periods > 1
+    np.testing.assert_array_equal(with_one_period(points, [4, 5, 6]), with_many_periods(points, [4, 5, 6]))
 
 
 @pytest.mark.slow
 def test_flights_with_the_same_noise_until_a_period_are_equal_until_then(scenario):
     evaluator = Evaluator(scenario, num_vehicles=2, noise_period=0.2)
     point, numbers = np.full(len(evaluator.names), 0.4), np.arange(evaluator.num_periods)
-    other = numbers.copy()
-    other[1] = 99
-    first, second = (simulate(evaluator.scenario_at(point, each), compiled=True) for each in (numbers, other))
+    changed_numbers = numbers.copy()
+    changed_numbers[1] = 99
+    first, second = (simulate(evaluator.scenario_at(point, each), compiled=True) for each in (numbers, changed_numbers))
     differs = np.any(first["state"] != second["state"], axis=1)
     # The noise differs in the second noise period, which begins at 0.2 s, and acts through the camera and the
     # controller.
     assert 0.2 <= first.time[np.argmax(differs)] <= 0.3
-    uncompiled = simulate(evaluator.scenario_at(point, other), compiled=False)
+    uncompiled = simulate(evaluator.scenario_at(point, changed_numbers), compiled=False)
     np.testing.assert_array_equal(uncompiled["state"], second["state"])
-    metrics = evaluator(np.stack([point, point]), np.stack([numbers, other]))
+    metrics = evaluator(np.stack([point, point]), np.stack([numbers, changed_numbers]))
     assert metrics.rmse[1] == pytest.approx(second.metrics.rmse, rel=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""Search for worst cases."""
+"""Tests of the search for worst cases."""
 
 import math
 
@@ -22,50 +22,52 @@ def scenario():
 
 
 @pytest.fixture(scope="module")
-def found(scenario):
+def worst_case(scenario):
     return find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
 
 
 @pytest.mark.long
-def test_a_worst_case_is_worse_than_random_samples_within_the_same_limits(scenario, found):
+def test_a_worst_case_is_worse_than_random_samples_within_the_same_limits(scenario, worst_case):
     random = run_monte_carlo(scenario, 4 * MIN_FLIGHTS, num_workers=1).metrics.peak_error
-    assert found.value > random.max()
-    assert found.num_flights == 4 * MIN_FLIGHTS
-    assert np.abs(found.point).max() <= 3.0
+    assert worst_case.value > random.max()
+    assert worst_case.num_flights == 4 * MIN_FLIGHTS
+    assert np.abs(worst_case.point).max() <= 3.0
     # A mass at either limit makes the height wrong, and the other random numbers hardly matter.
-    assert abs(found.point[found.names.index("vehicle.mass")]) > 2.5
-    assert found.means[-1] > found.means[0]
+    assert abs(worst_case.point[worst_case.names.index("vehicle.mass")]) > 2.5
+    assert worst_case.means[-1] > worst_case.means[0]
 
 
 @pytest.mark.slow
-def test_a_repeated_flight_of_the_worst_case_has_the_same_metric(found):
-    assert simulate(found.scenario, compiled=True).metrics.peak_error == pytest.approx(found.value, rel=1e-9)
-    assert found.scenario.sample == found.nominal.sample
-    assert found.values["vehicle.mass"][0] == pytest.approx(0.68)
-    assert found.values["vehicle.mass"][1] == found.scenario.vehicle.mass
+def test_a_repeated_flight_of_the_worst_case_has_the_same_metric(worst_case):
+    assert simulate(worst_case.scenario, compiled=True).metrics.peak_error == pytest.approx(worst_case.value, rel=1e-9)
+    assert worst_case.scenario.sample == worst_case.nominal.sample
+    assert worst_case.values["vehicle.mass"][0] == pytest.approx(0.68)
+    assert worst_case.values["vehicle.mass"][1] == worst_case.scenario.vehicle.mass
 
 
 @pytest.mark.slow
-def test_the_same_seed_repeats_a_search(scenario, found):
-    again = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
-    np.testing.assert_array_equal(again.point, found.point)
+def test_the_same_seed_repeats_a_search(scenario, worst_case):
+    repeated = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    np.testing.assert_array_equal(repeated.point, worst_case.point)
 
 
 @pytest.mark.slow
 def test_the_smallest_robustness_of_a_requirement_is_found_as_its_worst_case(scenario):
-    found = find_worst_case(scenario, "near", maximise=False, max_flights=2 * MIN_FLIGHTS, num_noise=2, sigma=1.0)
-    assert np.abs(found.point).max() <= 1.0
-    assert found.value == pytest.approx(0.1 - simulate(found.scenario, compiled=True).metrics.peak_error, abs=1e-6)
+    worst_case = find_worst_case(scenario, "near", maximise=False, max_flights=2 * MIN_FLIGHTS, num_noise=2, sigma=1.0)
+    assert np.abs(worst_case.point).max() <= 1.0
+    assert worst_case.value == pytest.approx(
+        0.1 - simulate(worst_case.scenario, compiled=True).metrics.peak_error, abs=1e-6
+    )
 
 
 @pytest.mark.long
 def test_an_early_crash_is_the_worst_case():
     scenario = load_scenario("hover", ["duration=0.6", *DISTRIBUTIONS, "crash.position_error=0.05"])
-    found = find_worst_case(scenario, "rmse", max_flights=4 * MIN_FLIGHTS, num_noise=1)
-    assert found.is_crash
-    assert math.isinf(found.value)
+    worst_case = find_worst_case(scenario, "rmse", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    assert worst_case.is_crash
+    assert math.isinf(worst_case.value)
     crash_times = run_monte_carlo(scenario, 500, num_workers=1).metrics.crash_time
-    assert simulate(found.scenario, compiled=True).metrics.crash_time <= crash_times.min()
+    assert simulate(worst_case.scenario, compiled=True).metrics.crash_time <= crash_times.min()
 
 
 @pytest.mark.slow
@@ -74,10 +76,10 @@ def test_an_infinite_metric_is_no_crash_and_better_than_a_crash(maximise, crashe
     overrides = [*DISTRIBUTIONS, "metrics.additional.settling_time.radius=0.02"]
     crash = ["crash.position_error=0.05"] if crashes else []
     scenario = load_scenario("hover", ["duration=0.6", *overrides, *crash])
-    found = find_worst_case(scenario, "settling_time", maximise=maximise, max_flights=MIN_FLIGHTS, num_noise=1)
-    assert found.is_crash is crashes
-    assert math.isinf(found.value)
-    assert simulate(found.scenario, compiled=True).metrics.crashed == crashes
+    worst_case = find_worst_case(scenario, "settling_time", maximise=maximise, max_flights=MIN_FLIGHTS, num_noise=1)
+    assert worst_case.is_crash is crashes
+    assert math.isinf(worst_case.value)
+    assert simulate(worst_case.scenario, compiled=True).metrics.crashed == crashes
 
 
 @pytest.mark.parametrize(

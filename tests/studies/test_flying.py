@@ -60,10 +60,10 @@ def test_studies_do_not_share_fleets(job, fleet):
 
 def test_user_systems_are_passed_to_the_fleets(job, fleet):
     for name in UserSystems._fields:
-        own = UserSystems(**{name: Fleet})
-        other = job._replace(key=name, code=code_versions(own), user_systems=own)
-        flying._fleet(other, 10)
-        assert fleet.built[-1][3] == {"user_systems": own, "compiled": True}
+        systems = UserSystems(**{name: Fleet})
+        other_job = job._replace(key=name, code=code_versions(systems), user_systems=systems)
+        flying._fleet(other_job, 10)
+        assert fleet.built[-1][3] == {"user_systems": systems, "compiled": True}
 
 
 def test_a_worker_with_different_code_refuses_every_batch(job, fleet):
@@ -90,12 +90,12 @@ def test_a_fleet_flies_two_ticks_before_a_fork(job, fleet):
 def test_rows_contain_index_drawn_values_and_metrics(job):
     scenario = job.scenario
     (row,) = fly_batch(job, [6])
-    alone = simulate(scenario, sample=6, compiled=False)
+    single_flight = simulate(scenario, sample=6, compiled=False)
     assert row[0] == 6.0
-    assert row[1] == pytest.approx(alone.scenario.vehicle.mass, rel=1e-12)
-    assert row[-1] == alone.metrics.crash_time == np.inf
-    assert row[-2] == alone.metrics.crashed == 0.0
-    np.testing.assert_allclose(row[-1 - len(alone.metrics) : -2], alone.metrics[:-1], rtol=1e-9)
+    assert row[1] == pytest.approx(single_flight.scenario.vehicle.mass, rel=1e-12)
+    assert row[-1] == single_flight.metrics.crash_time == np.inf
+    assert row[-2] == single_flight.metrics.crashed == 0.0
+    np.testing.assert_allclose(row[-1 - len(single_flight.metrics) : -2], single_flight.metrics[:-1], rtol=1e-9)
 
 
 def test_a_trial_flies_the_last_sample_twice_alone_and_once_in_the_batch(job, monkeypatch):

@@ -9,9 +9,9 @@ from drake_quad.studies.missing_samples import MissingSamples
 @pytest.mark.parametrize("seed", range(5))
 def test_missing_samples_are_the_complement_of_the_present_ones(seed):
     rng = np.random.default_rng(seed)
-    there = rng.permutation(50)[: rng.integers(51)]
-    missing = MissingSamples(50, there)
-    expected = sorted({*range(50)} - {*there.tolist()})
+    present = rng.permutation(50)[: rng.integers(51)]
+    missing = MissingSamples(50, present)
+    expected = sorted({*range(50)} - {*present.tolist()})
     assert [*missing] == expected
     assert len(missing) == len(expected)
     for first, last in rng.integers(55, size=(20, 2)).tolist():

@@ -33,14 +33,14 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch):
-    found = Clock()
-    monkeypatch.setattr(processes, "time", found)
-    return found
+    result = Clock()
+    monkeypatch.setattr(processes, "time", result)
+    return result
 
 
-def submit_and_wait(workers, function, given):
+def submit_and_wait(workers, function, argument):
     """Submit a task to worker processes, wait, and return the outcomes of the tasks that have ended."""
-    workers.submit(function, given)
+    workers.submit(function, argument)
     return workers.next_outcomes()
 
 
@@ -48,7 +48,7 @@ def process_number(_):
     return os.getpid()
 
 
-def meet(folder):
+def wait_for_other_process(folder):
     """Create a file, and wait for a file of another process."""
     (folder / str(os.getpid())).touch()
     while len(list(folder.iterdir())) < 2:
@@ -56,16 +56,16 @@ def meet(folder):
     return os.getpid()
 
 
-def hang(_):
+def run_forever(_):
     while True:
         time.sleep(0.01)
 
 
-def leave(status):
+def exit_process(status):
     os._exit(status)
 
 
-def settings(_):
+def signal_handler_and_freeze_count(_):
     return signal.getsignal(signal.SIGINT), gc.get_freeze_count()
 
 
@@ -73,10 +73,10 @@ class Unreadable:
     """Object that can be pickled but not unpickled."""
 
     def __reduce__(self):
-        return leave_unread, ("the sheet is torn",)
+        return fail_to_load, ("the sheet is torn",)
 
 
-def leave_unread(words):
+def fail_to_load(words):
     raise ArithmeticError(words)
 
 
@@ -107,14 +107,14 @@ def test_functions_of_an_interactive_session_require_a_fork(monkeypatch):
     session = types.ModuleType("__main__")
     exec("def maker(num_vehicles): return None", session.__dict__)
     monkeypatch.setitem(sys.modules, "__main__", session)
-    for file, fork, known in ((None, True, True), ("a.py", False, True), (None, False, False)):
+    for file, fork, is_accepted in ((None, True, True), ("a.py", False, True), (None, False, False)):
         monkeypatch.setattr(processes, "_can_fork", lambda fork=fork: fork)
         if file is not None:
             session.__file__ = file
         elif hasattr(session, "__file__"):
             del session.__file__
         check_importable({"wind": None, "control": process_number})
-        if known:
+        if is_accepted:
             check_importable({"wind": session.maker})
         else:
             with pytest.raises(InputError, match="wind is defined in an interactive session"):
@@ -127,14 +127,14 @@ def test_processes_are_forked_on_linux_only(monkeypatch):
     assert not Workers(1).forks_workers
 
 
-@pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
-def test_workers_are_spawned_where_they_cannot_be_forked(monkeypatch, fork, how):
-    asked, context = [], multiprocessing.get_context("fork")
+@pytest.mark.parametrize(("fork", "method"), [(True, "fork"), (False, "spawn")])
+def test_workers_are_spawned_where_they_cannot_be_forked(monkeypatch, fork, method):
+    requested_methods, context = [], multiprocessing.get_context("fork")
     monkeypatch.setattr(processes, "_can_fork", lambda: fork)
-    monkeypatch.setattr(multiprocessing, "get_context", lambda name: asked.append(name) or context)
+    monkeypatch.setattr(multiprocessing, "get_context", lambda name: requested_methods.append(name) or context)
     worker = _Worker(None)
     worker.end()
-    assert asked == [how]
+    assert requested_methods == [method]
 
 
 @pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
@@ -145,25 +145,25 @@ def test_a_time_limit_must_be_positive(limit):
 
 def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
     with Workers(2, time_limit=20.0) as workers:
-        ((_, first, *_),) = submit_and_wait(workers, process_number, None)
+        ((_, first_pid, *_),) = submit_and_wait(workers, process_number, None)
         assert not workers.forks_workers
-        ((_, again, *_),) = submit_and_wait(workers, process_number, None)
-        assert first == again != os.getpid()
+        ((_, second_pid, *_),) = submit_and_wait(workers, process_number, None)
+        assert first_pid == second_pid != os.getpid()
         for _ in range(2):
-            workers.submit(meet, tmp_path)
+            workers.submit(wait_for_other_process, tmp_path)
         outcomes = workers.next_outcomes()
         while len(outcomes) < 2:
             outcomes += workers.next_outcomes()
         pids = {outcome.result for outcome in outcomes}
         assert len(pids) == 2
-        assert first in pids
+        assert first_pid in pids
         processes = [worker.process for worker in workers._workers]
         assert all(process.daemon and process.is_alive() for process in processes)
     assert [process.exitcode for process in processes] == [-signal.SIGKILL] * 2
     assert workers._workers == []
 
 
-class Fake:
+class FakeWorker:
     """Worker with a known outcome."""
 
     def __init__(self, time_left, outcome, *, busy=True, ended=False):
@@ -178,22 +178,22 @@ def test_the_wait_ends_at_the_first_deadline(monkeypatch):
     waits = []
     monkeypatch.setattr(processes, "wait", lambda waitables, timeout: waits.append((waitables, timeout)))
     workers = Workers(4)
-    late, early = Fake(7.0, Outcome(1)), Fake(2.5, Outcome(2), ended=True)
-    idle, working = Fake(0.5, Outcome(3), busy=False), Fake(9.0, None)
+    late, early = FakeWorker(7.0, Outcome(1)), FakeWorker(2.5, Outcome(2), ended=True)
+    idle, working = FakeWorker(0.5, Outcome(3), busy=False), FakeWorker(9.0, None)
     workers._workers = [late, early, idle, working]
     assert workers.next_outcomes() == [Outcome(1), Outcome(2)]
     assert waits == [([late, "sentinel", early, "sentinel", working, "sentinel"], 2.5)]
     assert workers._workers == [late, idle, working]
-    workers._workers = [Fake(math.inf, Outcome(4))]
+    workers._workers = [FakeWorker(math.inf, Outcome(4))]
     workers.next_outcomes()
     assert waits[-1][1] is None
 
 
 def test_abandoning_tasks_keeps_idle_processes():
     with Workers(2) as workers:
-        workers.submit(hang, 1)
-        ((given, *_),) = submit_and_wait(workers, process_number, 2)
-        assert given == 2
+        workers.submit(run_forever, 1)
+        ((argument, *_),) = submit_and_wait(workers, process_number, 2)
+        assert argument == 2
         busy, idle = (worker.process for worker in workers._workers)
         workers.abandon()
         assert not busy.is_alive()
@@ -205,7 +205,7 @@ def test_the_time_limit_starts_when_the_process_is_ready(clock):
     worker = _Worker(10.0)
     try:
         assert worker.time_left == math.inf
-        worker.submit(hang, "given")
+        worker.submit(run_forever, "given")
         assert worker.time_left == 10.0
         clock.now = 54.0
         assert worker.time_left == 6.0
@@ -227,7 +227,7 @@ def test_the_time_limit_starts_when_the_process_is_ready(clock):
 def test_without_a_time_limit_a_task_never_times_out(clock):
     worker = _Worker(None)
     try:
-        worker.submit(hang, None)
+        worker.submit(run_forever, None)
         clock.now = 1e9
         assert (worker.time_left, worker.outcome()) == (math.inf, None)
     finally:
@@ -236,7 +236,9 @@ def test_without_a_time_limit_a_task_never_times_out(clock):
 
 def test_a_process_that_ends_fails_only_its_task():
     with Workers(1, time_limit=20.0) as workers:
-        assert submit_and_wait(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
+        assert submit_and_wait(workers, exit_process, 7) == [
+            Outcome(7, reason="the worker process ended with exit status 7")
+        ]
         (outcome,) = submit_and_wait(workers, process_number, None)
         assert outcome.reason == ""
 
@@ -271,7 +273,7 @@ def test_a_task_that_cannot_be_unpickled_fails_and_the_process_continues():
 
 def test_a_worker_ignores_ctrl_c_and_excludes_inherited_objects_from_garbage_collection():
     with Workers(1, time_limit=20.0) as workers:
-        ((_, (handler, frozen), *_),) = submit_and_wait(workers, settings, None)
+        ((_, (handler, frozen), *_),) = submit_and_wait(workers, signal_handler_and_freeze_count, None)
     assert handler == signal.SIG_IGN
     assert frozen > gc.get_freeze_count()
     assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
@@ -287,40 +289,40 @@ def test_ctrl_c_is_blocked_while_a_process_starts():
 class Pipe:
     """End of a pipe that receives one message and is then closed."""
 
-    def __init__(self, *what):
-        self.waiting, self.sent = [*what], []
+    def __init__(self, *messages):
+        self.waiting, self.sent = [*messages], []
 
     def recv(self):
         if not self.waiting:
             raise EOFError
         return self.waiting.pop(0)
 
-    def send(self, what):
-        self.sent.append(what)
+    def send(self, message):
+        self.sent.append(message)
 
 
 def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
     """The process first returns the outcome of its task, without the argument, which the parent process already has."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
-    pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
+    pipe, previous_handler = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:
         processes._serve(pipe)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
     assert pipe.sent == [None, Outcome(None, 3)]
 
 
 def start_endless_task(file):
     """Start a worker with an endless task, and write the process number of the worker to a file."""
     with Workers(1) as workers:
-        workers.submit(hang, None)
+        workers.submit(run_forever, None)
         assert workers._workers[0]._pipe.poll(20.0)
         file.with_suffix(".part").write_text(str(workers._workers[0].process.pid))
         file.with_suffix(".part").rename(file)
         workers.next_outcomes()
 
 
-def ends(pid):
+def ends_within_ten_seconds(pid):
     """Return True if a process ends within ten seconds."""
     for _ in range(1000):
         try:
@@ -340,4 +342,4 @@ def test_a_busy_process_ends_with_its_parent(tmp_path):
         time.sleep(0.005)
     parent.kill()
     parent.join()
-    assert ends(int(file.read_text()))
+    assert ends_within_ten_seconds(int(file.read_text()))

@@ -31,24 +31,24 @@ def module(tmp_path, monkeypatch):
 
 
 def test_provenance_has_versions_and_a_digest():
-    found = provenance()
-    assert list(found) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
-    assert found["python"] == ".".join(map(str, sys.version_info[:3]))
-    assert found["numpy"] == np.__version__
-    assert len(found["sources"]) == 16
-    assert int(found["sources"], 16) >= 0
+    result = provenance()
+    assert list(result) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
+    assert result["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert result["numpy"] == np.__version__
+    assert len(result["sources"]) == 16
+    assert int(result["sources"], 16) >= 0
 
 
 def test_a_digest_depends_on_names_and_contents_of_files(module):
-    one = source_digest([module("ours")])
-    two = source_digest([module("theirs", MODULE_SOURCE + "# more\n")])
+    digest_of_ours = source_digest([module("ours")])
+    digest_of_theirs = source_digest([module("theirs", MODULE_SOURCE + "# more\n")])
     same = source_digest([module("another")])
-    assert len({one, two, same, source_digest([])}) == 4
+    assert len({digest_of_ours, digest_of_theirs, same, source_digest([])}) == 4
     ours, theirs = (importlib.import_module(name).make for name in ("ours", "theirs"))
-    assert source_digest([ours, ours]) == one
+    assert source_digest([ours, ours]) == digest_of_ours
     assert source_digest([ours, theirs]) == source_digest([theirs, ours])
-    assert source_digest([ours, theirs]) not in (one, two)
-    assert source_digest([functools.partial(ours, 1), None]) == one
+    assert source_digest([ours, theirs]) not in (digest_of_ours, digest_of_theirs)
+    assert source_digest([functools.partial(ours, 1), None]) == digest_of_ours
 
 
 def test_a_digest_separates_names_from_contents(tmp_path):
@@ -74,9 +74,9 @@ def test_a_digest_follows_the_contents_of_a_file(module):
 def test_a_module_that_is_not_loaded_is_imported_for_its_digest(module):
     """This is the situation in a worker that knows only the name of the module."""
     make = module("ours")
-    found = source_digest([make])
+    result = source_digest([make])
     del sys.modules["ours"]
-    assert source_digest([make]) == found
+    assert source_digest([make]) == result
 
 
 def test_functions_without_a_file_or_of_the_main_script_are_ignored(module, monkeypatch):
@@ -91,9 +91,15 @@ def test_functions_without_a_file_or_of_the_main_script_are_ignored(module, monk
 
 
 def test_the_first_code_difference_is_described():
-    here = {"python": "3.12.1", "numpy": "2.0", "sources": "a", "user_systems": "b"}
-    assert code_difference(here, dict(here)) is None
-    assert code_difference(here, {**here, "numpy": "1.0"}) == "numpy 1.0, not 2.0"
-    assert code_difference(here, {**here, "sources": "c"}) == "a different version of drake_quad's source files"
-    assert code_difference(here, {**here, "user_systems": "c"}) == "different source files of the user's systems"
-    assert code_difference(here, {"python": "3.12.1"}) == "numpy None, not 2.0"
+    local_code = {"python": "3.12.1", "numpy": "2.0", "sources": "a", "user_systems": "b"}
+    assert code_difference(local_code, dict(local_code)) is None
+    assert code_difference(local_code, {**local_code, "numpy": "1.0"}) == "numpy 1.0, not 2.0"
+    assert (
+        code_difference(local_code, {**local_code, "sources": "c"})
+        == "a different version of drake_quad's source files"
+    )
+    assert (
+        code_difference(local_code, {**local_code, "user_systems": "c"})
+        == "different source files of the user's systems"
+    )
+    assert code_difference(local_code, {"python": "3.12.1"}) == "numpy None, not 2.0"

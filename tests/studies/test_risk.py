@@ -1,4 +1,4 @@
-"""Rare events of scenarios."""
+"""Tests of estimated probabilities of rare events."""
 
 import numpy as np
 import pytest
@@ -49,8 +49,8 @@ def test_the_important_random_number_is_named_first(risk):
 @pytest.mark.long
 def test_the_same_seed_repeats_an_estimate_with_any_noise_period(scenario, risk):
     options = {"size": 500, "half_width": 10.0}
-    again = estimate_risk(scenario, Event("peak_error", 1.0, PEAK_ERROR_BOUND), noise_period=0.3, **options)
-    assert again.probability == risk.probability
+    repeated = estimate_risk(scenario, Event("peak_error", 1.0, PEAK_ERROR_BOUND), noise_period=0.3, **options)
+    assert repeated.probability == risk.probability
     other = estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", noise_period=0.2, **options)
     assert len(other.scenarios[0].noise.samples) == 3
     # Both noise periods give the same probability, so the intervals overlap.

@@ -1,4 +1,4 @@
-"""Sobol indices of functions with known indices, and of scenarios."""
+"""Tests of Sobol indices, for functions with known indices and for scenarios."""
 
 import math
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ def scenario():
 
 
 @pytest.fixture
-def evaluated(monkeypatch):
+def replace_flights(monkeypatch):
     """Return a function that replaces flights with a given formula.
 
     The arguments of the formula are three parameters and the noise, all in [0, 1].
@@ -41,34 +41,34 @@ def evaluated(monkeypatch):
     return replace
 
 
-def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario, evaluated):
+def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario, replace_flights):
     """The indices are those of Saltelli et al., "Sensitivity Analysis" (2000), for a = 7 and b = 0.1."""
 
     def ishigami(points, noise):
         x, y, z = (math.pi * (2.0 * points - 1.0)).T
         return np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
 
-    evaluated(ishigami)
+    replace_flights(ishigami)
     indices = {each.name: each for each in sobol_indices(scenario, "rmse", num_points=4096)}
-    known = {"a": (0.3139, 0.5576), "b": (0.4424, 0.4424), "c": (0.0, 0.2437), NOISE: (0.0, 0.0)}
-    for name, (first_order, total) in known.items():
+    expected = {"a": (0.3139, 0.5576), "b": (0.4424, 0.4424), "c": (0.0, 0.2437), NOISE: (0.0, 0.0)}
+    for name, (first_order, total) in expected.items():
         assert indices[name].first_order.value == pytest.approx(first_order, abs=0.01)
         assert indices[name].total.value == pytest.approx(total, abs=0.01)
         assert indices[name].total.low - 1e-9 <= total <= indices[name].total.high + 1e-9
 
 
-def test_the_noise_has_indices_like_a_single_parameter(scenario, evaluated):
+def test_the_noise_has_indices_like_a_single_parameter(scenario, replace_flights):
     """The metric is the sum of a parameter and the noise. Each of them explains its own variance."""
-    evaluated(lambda points, noise: 2.0 * points[:, 0] + noise)
-    first, second, *others = sobol_indices(scenario, "rmse", num_points=1024)
+    replace_flights(lambda points, noise: 2.0 * points[:, 0] + noise)
+    first, second, *other_indices = sobol_indices(scenario, "rmse", num_points=1024)
     assert (first.name, second.name) == ("a", NOISE)
     assert first.total.value == pytest.approx(0.8, abs=0.01)
     assert second.total.value == pytest.approx(0.2, abs=0.01)
-    assert all(abs(each.total.value) < 1e-9 for each in others)
+    assert all(abs(each.total.value) < 1e-9 for each in other_indices)
 
 
-def test_sobol_indices_of_other_metrics_than_crashed_are_refused_if_a_flight_crashes(scenario, evaluated):
-    evaluated(lambda points, noise: points[:, 1], crashed=lambda points: points[:, 2] > 0.8)
+def test_sobol_indices_of_other_metrics_than_crashed_are_refused_if_a_flight_crashes(scenario, replace_flights):
+    replace_flights(lambda points, noise: points[:, 1], crashed=lambda points: points[:, 2] > 0.8)
     first, *_ = sobol_indices(scenario, CRASHED, num_points=256)
     assert (first.name, first.total.value) == ("c", pytest.approx(1.0, abs=0.05))
     with pytest.raises(InputError, match=r"flights crashed, so the variance of rmse is not defined; use crashed as"):
@@ -82,8 +82,8 @@ def test_sobol_indices_of_other_metrics_than_crashed_are_refused_if_a_flight_cra
         (lambda points, noise: np.where(points[:, 0] > 0.5, np.nan, 1.0), "rmse is not finite in every flight"),
     ],
 )
-def test_metrics_without_a_variance_are_refused(scenario, evaluated, function, words):
-    evaluated(function)
+def test_metrics_without_a_variance_are_refused(scenario, replace_flights, function, words):
+    replace_flights(function)
     with pytest.raises(InputError, match=words):
         sobol_indices(scenario, "rmse", num_points=16)
 

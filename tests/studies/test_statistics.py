@@ -42,8 +42,8 @@ def study(rmse, crash_time=None, samples=None, **parameters):
 
 def coverage(interval, truth, draw, repetitions=600):
     rng = np.random.default_rng(1)
-    found = [interval(draw(rng)) for _ in range(repetitions)]
-    return np.mean([low <= truth <= high for _, low, high in found])
+    result = [interval(draw(rng)) for _ in range(repetitions)]
+    return np.mean([low <= truth <= high for _, low, high in result])
 
 
 def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_nominal_coverage():
@@ -58,9 +58,9 @@ def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_nominal_coverage()
 def test_the_interval_of_a_quantile_agrees_with_scipy_and_has_its_nominal_coverage(probability):
     values = np.random.default_rng(0).exponential(size=150)
     expected = scipy.stats.quantile_test(values, p=probability).confidence_interval(0.95)
-    found = quantile_interval(values, probability)
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
-    assert found.value == np.quantile(values, probability, method="inverted_cdf")
+    result = quantile_interval(values, probability)
+    assert (result.low, result.high) == pytest.approx((expected.low, expected.high))
+    assert result.value == np.quantile(values, probability, method="inverted_cdf")
     truth = -math.log(1.0 - probability)
     fraction = coverage(
         lambda values: quantile_interval(values, probability), truth, lambda rng: rng.exponential(size=120)
@@ -85,9 +85,9 @@ def test_a_crash_is_worse_than_any_error():
 def test_the_interval_of_a_fraction_is_exact():
     """If no event occurs in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
     assert proportion_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
-    found = proportion_interval(7, 50)
-    assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
-    assert scipy.stats.binom.cdf(7, 50, found.high) == pytest.approx(0.025)
+    result = proportion_interval(7, 50)
+    assert scipy.stats.binom.sf(6, 50, result.low) == pytest.approx(0.025)
+    assert scipy.stats.binom.cdf(7, 50, result.high) == pytest.approx(0.025)
     assert proportion_interval(0, 0)[1:] == (0.0, 1.0)
 
 
@@ -105,13 +105,15 @@ def test_the_interval_of_a_rank_correlation_is_bonett_and_wright_s():
     y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
     x = np.arange(1.0, 11.0)
     rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
-    reach = 1.959964 * math.sqrt((1.0 + rho**2 / 2.0) / 7.0)
-    found = rank_correlation(np.exp(x), y)
-    assert found == pytest.approx((rho, math.tanh(math.atanh(rho) - reach), math.tanh(math.atanh(rho) + reach)))
+    half_width = 1.959964 * math.sqrt((1.0 + rho**2 / 2.0) / 7.0)
+    result = rank_correlation(np.exp(x), y)
+    assert result == pytest.approx(
+        (rho, math.tanh(math.atanh(rho) - half_width), math.tanh(math.atanh(rho) + half_width))
+    )
     assert math.isnan(rank_correlation(np.ones(10), np.arange(10.0)).value)
     for sign in (1.0, -1.0):
-        found = rank_correlation(np.arange(10.0), sign * np.exp(np.arange(10.0)))
-        assert found == pytest.approx((sign, sign, sign), abs=1e-10)
+        result = rank_correlation(np.arange(10.0), sign * np.exp(np.arange(10.0)))
+        assert result == pytest.approx((sign, sign, sign), abs=1e-10)
 
 
 def test_the_running_mean_is_the_mean_of_the_first_values():
@@ -126,26 +128,26 @@ def test_the_most_influential_parameter_comes_first():
     rng = np.random.default_rng(3)
     mass, lag = rng.uniform(size=(2, 400))
     rmse = 1.0 + mass**2 + 0.1 * lag
-    found = influences(study(rmse, mass=mass, lag=lag))
-    assert [each.path for each in found] == ["mass", "lag"]
-    assert found[0].correlation.value > 0.9
+    result = influences(study(rmse, mass=mass, lag=lag))
+    assert [each.path for each in result] == ["mass", "lag"]
+    assert result[0].correlation.value > 0.9
     order = np.argsort(mass)
-    assert found[0].low.value == pytest.approx(rmse[order[:40]].mean())
-    assert found[0].high.value == pytest.approx(rmse[order[-40:]].mean())
+    assert result[0].low.value == pytest.approx(rmse[order[:40]].mean())
+    assert result[0].high.value == pytest.approx(rmse[order[-40:]].mean())
     crashes = study(np.ones(400), np.where(lag > 0.8, 2.0, math.inf), mass=mass, lag=lag)
-    found = influences(crashes, "crashed")
-    assert found[0].path == "lag"
-    assert (found[0].low.value, found[0].high.value) == (0.0, 1.0)
-    assert found[0].low.high < 0.1
+    result = influences(crashes, "crashed")
+    assert result[0].path == "lag"
+    assert (result[0].low.value, result[0].high.value) == (0.0, 1.0)
+    assert result[0].low.high < 0.1
 
 
 def test_negative_and_positive_influences_count_equally():
     """A constant parameter has no correlation and comes last."""
     rng = np.random.default_rng(6)
     gain, mass, lag = rng.uniform(size=(3, 400))
-    found = influences(study(2.0 - gain + 0.3 * mass - 0.1 * lag, lag=lag, fixed=np.ones(400), mass=mass, gain=gain))
-    assert [each.path for each in found] == ["gain", "mass", "lag", "fixed"]
-    assert found[0].correlation.value < -0.9
+    result = influences(study(2.0 - gain + 0.3 * mass - 0.1 * lag, lag=lag, fixed=np.ones(400), mass=mass, gain=gain))
+    assert [each.path for each in result] == ["gain", "mass", "lag", "fixed"]
+    assert result[0].correlation.value < -0.9
 
 
 def test_a_parameter_is_influential_if_its_small_and_large_values_have_the_same_effect():
@@ -166,27 +168,27 @@ def test_a_comparison_of_controllers_is_paired_by_sample():
     common = rng.normal(10.0, 1.0, 200)
     baseline = study(common)
     better = study((common - 0.3 + rng.normal(0.0, 0.1, 200))[::-1], samples=np.arange(200)[::-1])
-    found = compare_studies(better, baseline)
-    assert found.difference.low < -0.3 < found.difference.high
-    assert found.difference.high - found.difference.low < 0.04
-    assert found.ratio.value == pytest.approx(0.97, abs=0.005)
-    assert found.better.value > 0.98
-    assert found.num_pairs == 200
+    result = compare_studies(better, baseline)
+    assert result.difference.low < -0.3 < result.difference.high
+    assert result.difference.high - result.difference.low < 0.04
+    assert result.ratio.value == pytest.approx(0.97, abs=0.005)
+    assert result.better.value > 0.98
+    assert result.num_pairs == 200
 
 
 def test_a_comparison_counts_crashes_separately():
     nan, inf = math.nan, math.inf
     ours = study([1.0, 2.0, 3.0, 4.0, nan], [inf, 3.0, inf, 2.0, inf])
     baseline = study([2.0, 2.0, 2.0, 2.0, 2.0], [inf, inf, 1.0, inf, inf])
-    found = compare_studies(ours, baseline)
-    assert (found.num_pairs, found.crashed, found.baseline_crashed) == (1, 2, 1)
-    assert found.crash_significance == scipy.stats.binomtest(2, 3).pvalue
+    result = compare_studies(ours, baseline)
+    assert (result.num_pairs, result.crashed, result.baseline_crashed) == (1, 2, 1)
+    assert result.crash_significance == scipy.stats.binomtest(2, 3).pvalue
     assert compare_studies(baseline, baseline).crash_significance == 1.0
 
 
 def test_the_worst_samples_are_early_crashes_then_large_errors():
-    found = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
-    assert worst_samples(found, 4) == [14, 11, 12, 13]
+    result = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
+    assert worst_samples(result, 4) == [14, 11, 12, 13]
 
 
 def test_the_mean_of_values_with_an_infinite_value_is_infinite_and_has_no_interval():
@@ -199,11 +201,11 @@ def test_the_mean_of_values_with_an_infinite_value_is_infinite_and_has_no_interv
             np.testing.assert_allclose(some[:2], expected)
             assert np.isnan(some[2:]).all()
         scenario = load_scenario("figure_eight", {"metrics.additional": {"settled": {"kind": "settling_time"}}})
-        one, other = (
+        metrics, other_metrics = (
             scenario.metrics_type(*[each] * (len(scenario.metrics_type._fields) - 1), np.full(5, math.inf))
             for each in (values, np.array([2.0, 6.0, math.inf, 1.0, 1.0]))
         )
-        comparison = compare(one, other, "settled")
+        comparison = compare(metrics, other_metrics, "settled")
     assert math.isnan(comparison.difference.value)
     assert comparison.better == proportion_interval(1, 5)
 
@@ -236,8 +238,10 @@ def test_intervals_have_the_given_confidence():
     assert proportion_interval(0, 100, 0.8).high == pytest.approx(1.0 - 0.1**0.01)
     low, high = rank_correlation(np.arange(40), values, 0.8)[1:]
     rho = scipy.stats.spearmanr(np.arange(40), values).statistic
-    reach = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
-    assert (math.atanh(low), math.atanh(high)) == pytest.approx((math.atanh(rho) - reach, math.atanh(rho) + reach))
+    half_width = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
+    assert (math.atanh(low), math.atanh(high)) == pytest.approx(
+        (math.atanh(rho) - half_width, math.atanh(rho) + half_width)
+    )
 
 
 def test_influences_exclude_crashed_flights():
@@ -257,15 +261,15 @@ def test_influences_exclude_crashed_flights():
 
 
 def test_the_ratio_of_means_exists_even_if_a_baseline_value_is_zero():
-    found = compare_studies(study([1.0, 1.0, 3.0, 2.0]), study([0.0, 2.0, 2.0, 2.0]))
-    assert found.ratio.value == pytest.approx(7.0 / 6.0)
-    assert (found.num_pairs, found.difference.value, found.better.value) == (4, 0.25, 0.25)
-    assert found.crash_significance == 1.0
+    result = compare_studies(study([1.0, 1.0, 3.0, 2.0]), study([0.0, 2.0, 2.0, 2.0]))
+    assert result.ratio.value == pytest.approx(7.0 / 6.0)
+    assert (result.num_pairs, result.difference.value, result.better.value) == (4, 0.25, 0.25)
+    assert result.crash_significance == 1.0
 
 
 def test_samples_without_a_metric_come_last_among_the_worst_samples():
-    found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
-    assert worst_samples(found) == [6, 5, 4]
+    result = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
+    assert worst_samples(result) == [6, 5, 4]
     assert worst_samples(study(np.arange(8.0))) == [7, 6, 5, 4, 3]
 
 
@@ -275,15 +279,17 @@ def test_the_statistics_of_sobol_draws_follow_from_their_replicates():
     rmse, baseline, crashed = rng.gamma(3.0, 0.02, 20), rng.gamma(3.0, 0.02, 20), rng.random(20) < 0.3
 
     def repeated(values, crash_time=None):
-        found = study(np.repeat(values, 5), crash_time)
-        return replace(found, scenario=found.scenario.model_copy(update={"draws": DesignedDraws(kind="sobol", size=4)}))
+        result = study(np.repeat(values, 5), crash_time)
+        return replace(
+            result, scenario=result.scenario.model_copy(update={"draws": DesignedDraws(kind="sobol", size=4)})
+        )
 
     first, second = (replace(repeated(each), samples=np.arange(100) // 5 * 4) for each in (rmse, baseline))
     assert metric_mean(first.metrics, "rmse", first.replicates) == pytest.approx(mean_interval(rmse))
-    found = compare(first.metrics, second.metrics, "rmse", first.replicates)
-    assert found.ratio == pytest.approx(ratio_of_means(rmse, baseline))
-    assert found.difference == pytest.approx(mean_interval(rmse - baseline))
-    assert found.better == pytest.approx(proportion_interval(int(np.sum(rmse < baseline)), 20), abs=0.06)
+    result = compare(first.metrics, second.metrics, "rmse", first.replicates)
+    assert result.ratio == pytest.approx(ratio_of_means(rmse, baseline))
+    assert result.difference == pytest.approx(mean_interval(rmse - baseline))
+    assert result.better == pytest.approx(proportion_interval(int(np.sum(rmse < baseline)), 20), abs=0.06)
     crashing = replace(repeated(rmse, np.where(np.repeat(crashed, 5), 1.0, math.inf)), samples=first.samples)
     expected = proportion_interval(int(crashed.sum()), 20)
     assert crash_probability(crashing.metrics, crashing.replicates) == pytest.approx(expected, abs=0.06)

@@ -27,11 +27,11 @@ def test_a_study_ends_at_the_first_checkpoint_at_which_its_rules_are_met(scenari
     assert counts.index(end) > 0
     parsed = [StoppingRule.parse(rule, scenario) for rule in rules]
     for count in counts[: counts.index(end) + 1]:
-        met = all(rule.is_met(study.metrics.take(slice(count))) for rule in parsed)
-        assert met == (count == end)
+        are_met = all(rule.is_met(study.metrics.take(slice(count))) for rule in parsed)
+        assert are_met == (count == end)
     # The number of samples depends neither on the batches nor on an interruption.
-    other = run_monte_carlo(scenario, 5000, num_workers=2, batch_size=100, until=rules)
-    assert np.array_equal(other.metrics.rmse, study.metrics.rmse)
+    other_study = run_monte_carlo(scenario, 5000, num_workers=2, batch_size=100, until=rules)
+    assert np.array_equal(other_study.metrics.rmse, study.metrics.rmse)
     resumed = run_monte_carlo(scenario, 5000, num_workers=1, until=rules, folder=tmp_path, resume=True)
     assert (len(resumed.samples), resumed.simulated_time) == (end, 0.0)
     assert len(read_study(tmp_path).samples) == end

@@ -1,4 +1,4 @@
-"""Searches with several workers, and searches that are resumed."""
+"""Tests of searches with several workers, and of searches that are resumed."""
 
 from collections import namedtuple
 from concurrent.futures import ThreadPoolExecutor
@@ -79,10 +79,10 @@ def test_a_search_that_was_killed_flies_only_missing_points(search, tmp_path, nu
     values, _ = search()
     content = (tmp_path / FLIGHTS_FILE).read_bytes()
     (tmp_path / FLIGHTS_FILE).write_bytes(content[:num_bytes])
-    known = max(content[:num_bytes].count(b"\n") - 1, 0)
-    again, flown = search(resume=True)
-    np.testing.assert_array_equal(again, values)
-    assert sorted(flown) == sorted(POINTS[known:].tolist())
+    num_stored = max(content[:num_bytes].count(b"\n") - 1, 0)
+    resumed_values, flown = search(resume=True)
+    np.testing.assert_array_equal(resumed_values, values)
+    assert sorted(flown) == sorted(POINTS[num_stored:].tolist())
     assert (tmp_path / FLIGHTS_FILE).read_bytes() == content
 
 
@@ -91,9 +91,9 @@ def test_infinite_and_small_values_are_read_as_they_were_written(search):
 
     numbers = dict(zip((POINTS.sum(axis=1) + NUMBERS).tolist(), exact, strict=True))
     first, _ = search(value=lambda values: np.array([numbers[each] for each in values.total]))
-    again, flown = search(resume=True)
+    resumed_values, flown = search(resume=True)
     np.testing.assert_array_equal(first, exact)
-    np.testing.assert_array_equal(again, exact)
+    np.testing.assert_array_equal(resumed_values, exact)
     assert flown == []
 
 
@@ -151,11 +151,11 @@ def test_results_are_equal_for_any_number_of_workers_and_after_an_interruption(s
 
 @pytest.mark.long
 def test_metrics_do_not_depend_on_the_workers(scenario):
-    here = Evaluator(scenario, num_vehicles=4, noise_period=0.05)
+    local = Evaluator(scenario, num_vehicles=4, noise_period=0.05)
     noise = np.arange(2 * len(POINTS)).reshape(-1, 2)
-    expected = here(POINTS[:, :1], noise)
+    expected = local(POINTS[:, :1], noise)
     with ThreadPoolExecutor(2) as executor:
-        there = Evaluator(scenario, num_vehicles=4, noise_period=0.05, pool=ExecutorPool(executor, 2))
+        with_workers = Evaluator(scenario, num_vehicles=4, noise_period=0.05, pool=ExecutorPool(executor, 2))
         for _ in range(2):
-            np.testing.assert_array_equal(there(POINTS[:, :1], noise), expected)
-    assert there.num_flights == 20
+            np.testing.assert_array_equal(with_workers(POINTS[:, :1], noise), expected)
+    assert with_workers.num_flights == 20

@@ -43,8 +43,12 @@ def test_a_study_read_from_files_has_a_simulated_time_of_zero(tmp_path):
 
 @pytest.fixture
 def two_masses():
-    drawn = ["duration=0.1", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.linear_drag={choice: [0.1, 0.2]}"]
-    return load_scenario("diagrams/hover.yaml", drawn)
+    overrides = [
+        "duration=0.1",
+        "vehicle.mass={uniform: {min: 0.6, max: 0.7}}",
+        "vehicle.linear_drag={choice: [0.1, 0.2]}",
+    ]
+    return load_scenario("diagrams/hover.yaml", overrides)
 
 
 def metrics_of(crash_time):
@@ -71,8 +75,8 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     assert (study.duration, study.failures, study.simulated_time, study.invalid_lines) == (0.1, {7: "late"}, 0.14, (5,))
     words = "<Study of hover: 2 samples, 1 crashed, 1 not flown; drawn fields: vehicle.mass, vehicle.linear_drag>"
     assert repr(study) == words
-    still = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
-    assert repr(Study.from_rows(still, 0.1, study_rows(Batch.draw(still, [0]), metrics_of([math.inf])))) == (
+    hover = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
+    assert repr(Study.from_rows(hover, 0.1, study_rows(Batch.draw(hover, [0]), metrics_of([math.inf])))) == (
         "<Study of hover: 1 samples, 0 crashed; drawn fields: none>"
     )
 
@@ -86,11 +90,11 @@ def test_drawn_values_are_checked_to_the_precision_of_the_results_file(two_masse
     rows = study_rows(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12
     rows[1, 2] *= 1.0 - 5e-11
-    found = check_draws(two_masses, StoredRows(rows, np.array([2, 3, 5]), [4], 99))
-    assert found.rows[:, 0].tolist() == [4.0, 2.0]
-    assert (found.lines.tolist(), found.invalid_lines, found.end) == ([2, 5], [4, 3], 99)
-    nothing = StoredRows(rows[:0], np.array([], dtype=int), [2], 9)
-    assert check_draws(two_masses, nothing) is nothing
+    result = check_draws(two_masses, StoredRows(rows, np.array([2, 3, 5]), [4], 99))
+    assert result.rows[:, 0].tolist() == [4.0, 2.0]
+    assert (result.lines.tolist(), result.invalid_lines, result.end) == ([2, 5], [4, 3], 99)
+    no_rows = StoredRows(rows[:0], np.array([], dtype=int), [2], 9)
+    assert check_draws(two_masses, no_rows) is no_rows
 
 
 def test_columns_have_descriptions(two_masses):
@@ -103,8 +107,8 @@ def test_columns_have_descriptions(two_masses):
 
 def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
     """The record includes words that YAML 1.1 reads as booleans."""
-    own = UserSystems(wind=functools.partial(metrics_of), position_controller=SimpleNamespace)
-    record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, own, compiled=True)
+    user_systems = UserSystems(wind=functools.partial(metrics_of), position_controller=SimpleNamespace)
+    record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, user_systems, compiled=True)
     assert (record.samples, record.seed, record.duration, record.control) == (12, 3, 0.1, None)
     assert record.wind == f"{__name__}:metrics_of"
     assert record.position_controller == "types:SimpleNamespace"

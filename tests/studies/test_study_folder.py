@@ -39,21 +39,21 @@ def test_a_sample_counts_as_present_whatever_its_values(hover):
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing(5)], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
-    rows.add(Outcome([4], reason="cursed"))
-    assert (len(rows), [*rows.missing(5)], rows.failures) == (2, [0, 2], {4: "cursed"})
+    rows.add(Outcome([4], reason="unstable"))
+    assert (len(rows), [*rows.missing(5)], rows.failures) == (2, [0, 2], {4: "unstable"})
     assert rows.rows[:, 0].tolist() == [1.0, 3.0]
     rows.add(Outcome([0], table([0])))
     rows.add(Outcome([2], reason="late"))
     study = rows.study()
     assert study.samples.tolist() == [0, 1, 3]
-    assert list(study.failures.items()) == [(2, "late"), (4, "cursed")]
+    assert list(study.failures.items()) == [(2, "late"), (4, "unstable")]
     assert (study.scenario, study.duration, study.invalid_lines) == (hover, 2.0, ())
     np.testing.assert_array_equal(study.metrics.rmse, [0.5, np.nan, np.nan])
 
 
 def test_flown_time_counts_new_samples_until_end_or_crash(hover):
-    found = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
-    rows = StudyRows(hover, 5, 2.0, stored=found)
+    result = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
+    rows = StudyRows(hover, 5, 2.0, stored=result)
     assert (len(rows), [*rows.missing(5)], rows.study().simulated_time) == (1, [0, 2, 3, 4], 0.0)
     rows.add(Outcome([0, 4], table([0, 4], crash_time=0.75)))
     rows.add(Outcome([2], table([2])))
@@ -87,8 +87,8 @@ def test_the_rows_in_a_folder_are_sorted_at_the_end(hover, tmp_path):
 
 def test_failures_are_recorded_until_all_samples_have_flown(hover, tmp_path):
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=False) as rows:
-        rows.add(Outcome([1], reason="cursed"))
-    assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
+        rows.add(Outcome([1], reason="unstable"))
+    assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,unstable\n"
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True) as rows:
         assert [*rows.missing(2)] == [0, 1]
         rows.add(Outcome([0, 1], table([0, 1])))
@@ -127,17 +127,17 @@ def test_a_study_with_a_different_system_is_a_different_study(hover, tmp_path, n
 
 
 def test_a_folder_with_another_scenario_is_refused(hover, tmp_path):
-    other = hover.model_copy(update={"seed": 3})
-    save_scenario(other, tmp_path / "scenario.yaml")
+    other_scenario = hover.model_copy(update={"seed": 3})
+    save_scenario(other_scenario, tmp_path / "scenario.yaml")
     words = r"scenario\.yaml is a different scenario and is not overwritten; choose another folder"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False),
     ):
         pass
-    with open_study(tmp_path, other, 3, 2.0, UserSystems(), resume=False):
+    with open_study(tmp_path, other_scenario, 3, 2.0, UserSystems(), resume=False):
         pass
-    assert read_study(tmp_path).scenario == other
+    assert read_study(tmp_path).scenario == other_scenario
 
 
 def test_scenario_and_record_are_written_before_the_first_row(hover, tmp_path, monkeypatch):
@@ -176,7 +176,7 @@ def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "now", "words"),
+    ("old_value", "new_value", "words"),
     [
         ({"a": 1, "b": [1, 2]}, {"a": 1, "b": [1, 2]}, None),
         ({"a": 1, "b": 2}, {"a": 1, "b": 3}, "its b is 2, not 3"),
@@ -188,8 +188,8 @@ def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
         ({"a": {"b": 1}}, {"a": 1}, "its a is {'b': 1}, not 1"),
     ],
 )
-def test_the_first_difference_is_named_by_its_path(before, now, words):
-    assert _difference(before, now) == words
+def test_the_first_difference_is_named_by_its_path(old_value, new_value, words):
+    assert _difference(old_value, new_value) == words
 
 
 def test_the_record_of_a_study_lists_each_kind_of_flown_diagram_once(hover, tmp_path):

@@ -29,7 +29,7 @@ def scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def study(scenario):
-    """Study of three samples, of which the second crashed."""
+    """Return a study of three samples, of which the second crashed."""
     batch = Batch.draw(scenario, [1, 3, 4])
     numbers = np.arange(3.0 * (len(Metrics._fields) - 1)).reshape(-1, 3)
     numbers[2, 2] = math.nan
@@ -57,7 +57,7 @@ def test_a_study_counts_crashes_into_each_obstacle():
     metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
     study = Study.from_rows(scenario, 0.1, study_rows(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
     assert study.crashes_by_obstacle == {"near": 0, "far": 2}
-    assert [study.hit_obstacle_name(place) for place in range(4)] == [None, "far", None, "far"]
+    assert [study.hit_obstacle_name(index) for index in range(4)] == [None, "far", None, "far"]
     frame = study.to_frame()
     assert ["sample", *frame.columns] == study_columns(scenario)
     assert frame["obstacle"].isna().tolist() == [True, False, True, False]
@@ -75,9 +75,9 @@ def test_the_obstacles_of_crashes_are_saved(tmp_path):
     scenario = load_scenario("hover", {**changed, "vehicle.linear_drag": {"uniform": {"min": 0.0, "max": 1.0}}})
     study = run_monte_carlo(scenario, 6, folder=tmp_path / "study", num_workers=1)
     assert 0 < study.crashes_by_obstacle["pillar"] < 6
-    again = read_study(tmp_path / "study")
-    np.testing.assert_array_equal(again.obstacle_hit, study.obstacle_hit)
-    np.testing.assert_array_equal(again.obstacle_hit > 0, again.metrics.crashed)
+    loaded_study = read_study(tmp_path / "study")
+    np.testing.assert_array_equal(loaded_study.obstacle_hit, study.obstacle_hit)
+    np.testing.assert_array_equal(loaded_study.obstacle_hit > 0, loaded_study.metrics.crashed)
 
 
 def test_a_pandas_table_has_units_and_attributes(study):
@@ -93,9 +93,9 @@ def test_a_pandas_table_has_units_and_attributes(study):
 
 def test_a_pandas_table_read_from_parquet_is_unchanged(study, tmp_path):
     path = study.to_parquet(tmp_path / "results.parquet")
-    frame, again = study.to_frame(), pd.read_parquet(path)
-    pd.testing.assert_frame_equal(again, frame)
-    assert again.attrs == frame.attrs
+    frame, loaded_frame = study.to_frame(), pd.read_parquet(path)
+    pd.testing.assert_frame_equal(loaded_frame, frame)
+    assert loaded_frame.attrs == frame.attrs
     assert [each.name for each in tmp_path.iterdir()] == ["results.parquet"]
 
 
@@ -117,7 +117,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(study, tmp_path, monk
 
 @pytest.fixture(scope="module")
 def folders(scenario, tmp_path_factory):
-    """Folder of two studies, one of them with failed samples, and another file."""
+    """Return a folder with two studies and another file. One of the studies has failed samples."""
     parent = tmp_path_factory.mktemp("controllers")
     for name, seed in (("pd", 0), ("indi", 1)):
         run_monte_carlo(scenario, 2, seed, folder=parent / name, num_workers=1)
@@ -134,8 +134,8 @@ def test_a_study_is_read_from_its_folder_and_from_any_file_in_it(folders, file):
 def test_a_study_is_read_from_its_parent_folder_if_this_contains_no_other_study(folders, tmp_path):
     (tmp_path / "alone").symlink_to(folders / "pd")
     (tmp_path / "notes").mkdir()
-    found = read_study(tmp_path)
-    assert found.samples.tolist() == [0, 1]
+    result = read_study(tmp_path)
+    assert result.samples.tolist() == [0, 1]
     assert [*read_studies(tmp_path)] == ["alone"]
 
 
@@ -145,8 +145,8 @@ def test_samples_that_could_not_be_flown_are_read(folders):
 
 
 def test_read_studies_names_each_study_after_its_folder(folders):
-    found = read_studies(folders)
-    assert {name: study.scenario.seed for name, study in found.items()} == {"indi": 1, "pd": 0}
+    result = read_studies(folders)
+    assert {name: study.scenario.seed for name, study in result.items()} == {"indi": 1, "pd": 0}
     assert [*read_studies(folders / "pd")] == ["pd"]
     with pytest.raises(
         InputError, match="contains 2 studies, indi, pd; read one of these folders, or read all .* read_studies"

@@ -48,8 +48,8 @@ SAMPLES_AND_CRASHES = [
 
 @pytest.mark.parametrize(("count", "crashed"), SAMPLES_AND_CRASHES)
 def test_intervals_exclude_crashes_and_stay_within_the_possible_range(count, crashed):
-    found = study(count, crashed)
-    summary, words = metric_table(found), crash_text(found)
+    result = study(count, crashed)
+    summary, words = metric_table(result), crash_text(result)
     cells = [cell for row in summary.rows for cell in row[1:-1]]
     assert len({len(row) for row in [summary.headings, *summary.rows]}) == 1
     for cell in cells:
@@ -87,23 +87,23 @@ def test_a_summary_states_that_means_are_over_flights_without_a_crash(count, cra
 
 
 def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
-    found = study(40, 2)
-    rows = {name: getattr(found.metrics, name) * (1.0 + 0.1 * i) for i, name in enumerate(Metrics._fields[:-1])}
-    found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
+    result = study(40, 2)
+    rows = {name: getattr(result.metrics, name) * (1.0 + 0.1 * i) for i, name in enumerate(Metrics._fields[:-1])}
+    result = Study(result.scenario, 10.0, result.samples, {}, result.metrics._replace(**rows))
     errors = {name for name, metric in METRICS.items() if metric.unit == "m"}
     names = {metric.label: name for name, metric in METRICS.items() if metric.display is not None}
     assert {*errors, "effort_x", "saturated_fraction"} <= {*names.values()}
-    summary = metric_table(found)
+    summary = metric_table(result)
     assert [row[0] for row in summary.rows] == [*names]
     assert summary.headings == ("", "mean", "std. dev.", "5 % quantile", "median", "95 % quantile", "")
     sizes = {"cm": 0.01, "m²/s⁴": 1.0, "%": 0.01}
     for label, mean, deviation, *quantiles, unit in summary.rows:
         name = names[label]
         assert (unit == "cm") == (name in errors)
-        kept = rows[name][2:]
-        assert mean == metric_mean(found.metrics, name).text(size=sizes[unit])
-        assert float(deviation) == pytest.approx(kept.std(ddof=1) / sizes[unit], rel=0.05)
-        every = np.where(found.metrics.crashed, math.inf, rows[name])
+        cells = rows[name][2:]
+        assert mean == metric_mean(result.metrics, name).text(size=sizes[unit])
+        assert float(deviation) == pytest.approx(cells.std(ddof=1) / sizes[unit], rel=0.05)
+        every = np.where(result.metrics.crashed, math.inf, rows[name])
         for text, fraction in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
             assert text == without_negative_part(quantile_interval(every, fraction)).text(
                 size=sizes[unit], infinities=("-∞", "crash")
@@ -114,15 +114,15 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
 def test_fractions_in_a_comparison_are_not_negative_and_crashes_have_a_p_value(count, crashed):
     pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
     summary = comparison_table(pairs, "rmse")
-    ((name, difference, fraction, better, num_pairs, alone, significance),) = summary.rows
-    assert (name, num_pairs, alone) == ("other", f"{count - crashed}", f"{crashed} : 0")
+    ((name, difference, fraction, better, num_pairs, crashes_of_one, significance),) = summary.rows
+    assert (name, num_pairs, crashes_of_one) == ("other", f"{count - crashed}", f"{crashed} : 0")
     assert ("p = " in significance) == (crashed > 0)
     assert "-" not in fraction + better
     assert len(summary.remarks) == (crashed > 0)
     assert (difference == "–") == (count == crashed)
 
 
-def thrown(settling_time, recovers, crashed):
+def study_of_throws(settling_time, recovers, crashed):
     """Return a study of thrown vehicles, given settling times (s), robustness (m) and the number of crashes."""
     scenario, count = load_scenario("upset"), len(settling_time)
     values = dict.fromkeys(scenario.metrics_type._fields, np.ones(count))
@@ -132,20 +132,20 @@ def thrown(settling_time, recovers, crashed):
 
 
 def test_an_overview_has_crashes_requirements_and_medians_of_additional_metrics_for_each_controller():
-    late = [math.inf, math.inf, 4.0, math.inf]
+    late_times = [math.inf, math.inf, 4.0, math.inf]
     studies = {
-        "good": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 0),
-        "late": thrown(late, [-0.1, 0.1, 0.1, -0.2], 0),
-        "crashing": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 3),
+        "good": study_of_throws([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 0),
+        "late": study_of_throws(late_times, [-0.1, 0.1, 0.1, -0.2], 0),
+        "crashing": study_of_throws([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 3),
     }
     summary = overview_table(studies)
     assert summary.headings[:4] == ("", "crashed", "recovers", "median settling time (s)")
     assert summary.headings[4:] == ("median overshoot (cm)", "median largest tilt (°)")
-    good, late, crashing = summary.rows
+    good, late_times, study_with_crashes = summary.rows
     assert good[:4] == ("good", proportion_interval(0, 4).percent(), proportion_interval(4, 4).percent(), "3.00")
     assert good[4:] == ("100", "57.3")
-    assert late[2:4] == (proportion_interval(2, 4).percent(), "∞")
-    assert crashing[2:4] == (proportion_interval(1, 4).percent(), "crash")
+    assert late_times[2:4] == (proportion_interval(2, 4).percent(), "∞")
+    assert study_with_crashes[2:4] == (proportion_interval(1, 4).percent(), "crash")
 
 
 def test_an_overview_without_requirements_and_additional_metrics_is_empty():
@@ -153,8 +153,8 @@ def test_an_overview_without_requirements_and_additional_metrics_is_empty():
 
 
 def test_the_interval_of_a_positive_mean_is_student_s_interval_without_its_negative_part():
-    found = without_negative_part(mean_interval(np.array([0.1, 0.3])))
-    assert found == pytest.approx((0.2, 0.0, 0.2 + 12.706 * 0.1), rel=1e-4)
+    result = without_negative_part(mean_interval(np.array([0.1, 0.3])))
+    assert result == pytest.approx((0.2, 0.0, 0.2 + 12.706 * 0.1), rel=1e-4)
     values = np.random.default_rng(0).gamma(3.0, 0.02, 200)
     assert without_negative_part(mean_interval(values)) == mean_interval(values)
 
@@ -170,9 +170,9 @@ def test_the_interval_of_a_positive_mean_is_student_s_interval_without_its_negat
 )
 def test_the_interval_of_a_mean_fraction_lies_within_0_and_1_and_has_its_nominal_coverage(draw, truth):
     rng = np.random.default_rng(3)
-    found = [bounded_mean_interval(draw(rng)) for _ in range(1500)]
-    assert all(0.0 <= low <= value <= high <= 1.0 for value, low, high in found)
-    assert 0.92 < np.mean([low <= truth <= high for _, low, high in found]) < 0.985
+    result = [bounded_mean_interval(draw(rng)) for _ in range(1500)]
+    assert all(0.0 <= low <= value <= high <= 1.0 for value, low, high in result)
+    assert 0.92 < np.mean([low <= truth <= high for _, low, high in result]) < 0.985
 
 
 def test_a_mean_fraction_of_0_or_1_has_the_interval_of_a_proportion():
@@ -192,22 +192,24 @@ def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
 
 def test_each_metric_has_a_suitable_interval():
     metrics = study(30, 5).metrics
-    kept = ~metrics.crashed
-    assert metric_mean(metrics, "saturated_fraction") == bounded_mean_interval(metrics.saturated_fraction[kept])
-    assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[kept]))
+    has_not_crashed = ~metrics.crashed
+    assert metric_mean(metrics, "saturated_fraction") == bounded_mean_interval(
+        metrics.saturated_fraction[has_not_crashed]
+    )
+    assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[has_not_crashed]))
 
 
-def crashing(numbers, crashed, **more):
-    found = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **more})
+def study_with_crashes(numbers, crashed, **parameters):
+    result = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **parameters})
     times = np.where(crashed, 1.0, math.inf)
-    return Study(found.scenario, 10.0, found.samples, found.parameters, found.metrics._replace(crash_time=times))
+    return Study(result.scenario, 10.0, result.samples, result.parameters, result.metrics._replace(crash_time=times))
 
 
 def test_few_different_values_have_a_bin_each_and_many_samples_at_most_twenty_bins():
     few = np.repeat([1.0, 2.0, 3.0], [90, 5, 5])
-    levels = crash_bins(crashing(few, few > 2.0), "vehicle.mass", num_bins=3)
+    levels = crash_bins(study_with_crashes(few, few > 2.0), "vehicle.mass", num_bins=3)
     assert [(level.low, level.high, level.num_samples) for level in levels] == [(1, 1, 90), (2, 2, 5), (3, 3, 5)]
-    assert len(crash_bins(crashing(np.arange(12_000), np.zeros(12_000, dtype=bool)), "vehicle.mass")) == 20
+    assert len(crash_bins(study_with_crashes(np.arange(12_000), np.zeros(12_000, dtype=bool)), "vehicle.mass")) == 20
 
 
 def test_a_comparison_shows_signed_differences_and_crashes_of_only_one_controller():
@@ -223,42 +225,49 @@ def test_a_comparison_shows_signed_differences_and_crashes_of_only_one_controlle
 
 def test_bins_contain_equally_many_samples():
     numbers = np.random.default_rng(2).permutation(1000)
-    levels = crash_bins(crashing(numbers, numbers >= 900), "vehicle.mass")
+    levels = crash_bins(study_with_crashes(numbers, numbers >= 900), "vehicle.mass")
     assert [level.num_samples for level in levels] == [100] * 10
     assert [(level.low, level.high, level.middle) for level in levels][2] == (200.0, 299.0, 249.5)
     assert [level.probability for level in levels] == [proportion_interval(0, 100)] * 9 + [
         proportion_interval(100, 100)
     ]
-    assert len(crash_bins(crashing(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
+    assert len(crash_bins(study_with_crashes(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
 
 
 def test_a_discrete_parameter_has_a_bin_for_each_value_and_few_samples_have_few_bins():
-    levels = crash_bins(crashing([2, 0, 1, 1, 2, 2] * 20, [True, False] * 60), "vehicle.mass")
+    levels = crash_bins(study_with_crashes([2, 0, 1, 1, 2, 2] * 20, [True, False] * 60), "vehicle.mass")
     assert [(level.low, level.high, level.num_samples) for level in levels] == [(0, 0, 20), (1, 1, 40), (2, 2, 60)]
     assert [level.probability.value for level in levels] == [0.0, 0.5, pytest.approx(2.0 / 3.0)]
-    assert [level.num_samples for level in crash_bins(crashing([3.0], [True]), "vehicle.mass")] == [1]
-    assert crash_bins(crashing([], []), "vehicle.mass") == []
+    assert [level.num_samples for level in crash_bins(study_with_crashes([3.0], [True]), "vehicle.mass")] == [1]
+    assert crash_bins(study_with_crashes([], []), "vehicle.mass") == []
     # Samples with equal values are in the same bin.
-    skewed = crash_bins(crashing([1.0] * 500 + [*np.linspace(2.0, 3.0, 500)], [False] * 1000), "vehicle.mass")
+    skewed = crash_bins(study_with_crashes([1.0] * 500 + [*np.linspace(2.0, 3.0, 500)], [False] * 1000), "vehicle.mass")
     assert skewed[0].num_samples == 500
     assert sum(level.num_samples for level in skewed) == 1000
 
 
 def test_a_parameter_that_is_not_drawn_has_no_crash_bins():
     with pytest.raises(InputError, match="vehicle.gravity is not a drawn field .* drawn fields are: vehicle.mass"):
-        crash_bins(crashing([1.0], [True]), "vehicle.gravity")
+        crash_bins(study_with_crashes([1.0], [True]), "vehicle.gravity")
     with pytest.raises(InputError, match="the number of bins is 0; it must be at least 1"):
-        crash_bins(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
+        crash_bins(study_with_crashes([1.0], [True]), "vehicle.mass", num_bins=0)
 
 
 def test_the_most_influential_parameter_is_chosen_from_those_that_are_random_in_every_study():
     rng = np.random.default_rng(4)
     mass, drag = rng.permutation(100) / 100.0, rng.permutation(100) / 100.0
-    light, draggy = mass < 0.3, drag > 0.7
-    both = {"vehicle.linear_drag": drag}
-    assert most_influential_path([crashing(mass, light, **both)]) == "vehicle.mass"
-    assert most_influential_path([crashing(mass, draggy, **both)]) == "vehicle.linear_drag"
-    assert most_influential_path([crashing(mass, draggy, **both), crashing(mass, draggy)]) == "vehicle.mass"
+    is_light, has_large_drag = mass < 0.3, drag > 0.7
+    second_parameter = {"vehicle.linear_drag": drag}
+    assert most_influential_path([study_with_crashes(mass, is_light, **second_parameter)]) == "vehicle.mass"
+    assert (
+        most_influential_path([study_with_crashes(mass, has_large_drag, **second_parameter)]) == "vehicle.linear_drag"
+    )
+    assert (
+        most_influential_path(
+            [study_with_crashes(mass, has_large_drag, **second_parameter), study_with_crashes(mass, has_large_drag)]
+        )
+        == "vehicle.mass"
+    )
     assert most_influential_path([study(10, 0)]) is None
 
 
@@ -266,8 +275,8 @@ def test_the_plot_shows_crash_bins_over_the_most_influential_parameter():
     rng = np.random.default_rng(0)
     mass, drag = rng.normal(0.7, 0.05, (2, 600))
     studies = {
-        "pd": crashing(mass, drag > 0.77, **{"vehicle.linear_drag": drag}),
-        "indi": crashing(mass, rng.random(600) < 0.05, **{"vehicle.linear_drag": drag}),
+        "pd": study_with_crashes(mass, drag > 0.77, **{"vehicle.linear_drag": drag}),
+        "indi": study_with_crashes(mass, rng.random(600) < 0.05, **{"vehicle.linear_drag": drag}),
     }
     assert most_influential_path(studies.values()) == "vehicle.linear_drag"
     (axes,) = plot_crash_probability(studies).axes
@@ -276,17 +285,17 @@ def test_the_plot_shows_crash_bins_over_the_most_influential_parameter():
     line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
     np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])
     # The axis has the range of the drawn values, and the points of two controllers are next to each other.
-    least, most = min(level.low for level in levels), max(level.high for level in levels)
-    assert axes.get_xlim() == pytest.approx((least, most), abs=0.1 * (most - least))
+    low, high = min(level.low for level in levels), max(level.high for level in levels)
+    assert axes.get_xlim() == pytest.approx((low, high), abs=0.1 * (high - low))
     axes.get_figure().draw_without_rendering()
-    other = next(each for each in axes.lines if str(each.get_label()).startswith("indi: "))
-    shift = other.get_transform().transform((least, 0.0)) - line.get_transform().transform((least, 0.0))
+    other_points = next(each for each in axes.lines if str(each.get_label()).startswith("indi: "))
+    shift = other_points.get_transform().transform((low, 0.0)) - line.get_transform().transform((low, 0.0))
     assert shift == pytest.approx([3.0 * axes.get_figure().dpi / 72.0, 0.0])
     ends = np.concatenate([bars.get_segments() for bars in axes.collections])
     expected = [[(each.middle, each.probability.low), (each.middle, each.probability.high)] for each in levels]
     for bar in expected:
         assert np.abs(ends - bar).max(axis=(1, 2)).min() < 1e-12
-    (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
-    assert over_mass.get_xlabel() == "vehicle mass (kg)"
+    (mass_axes,) = plot_crash_probability(studies, "vehicle.mass").axes
+    assert mass_axes.get_xlabel() == "vehicle mass (kg)"
     with pytest.raises(InputError, match="no random parameter"):
         plot_crash_probability(study(3, 1, scenario="diagrams/hover.yaml"))

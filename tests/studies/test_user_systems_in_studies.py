@@ -1,4 +1,4 @@
-"""User systems in studies: inconsistent systems are refused, and hanging ones are ended."""
+"""Tests that studies refuse user systems with inconsistent results, and end user systems that hang."""
 
 import functools
 import multiprocessing
@@ -21,8 +21,8 @@ from drake_quad.studies.processes import Workers
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these classes by a fork")
 
 
-class Own(LeafSystem):
-    """User's PD controller for N vehicles."""
+class UserController(LeafSystem):
+    """PD controller of a user, for N vehicles."""
 
     def __init__(self, num_vehicles):
         super().__init__()
@@ -40,7 +40,7 @@ class Own(LeafSystem):
         return 1.2 * error + 1.6 * rate
 
 
-class Remembers(Own):
+class RememberingController(UserController):
     """Controller with an integral in the Python object, which is not reset between flights."""
 
     def __init__(self, num_vehicles):
@@ -52,21 +52,21 @@ class Remembers(Own):
         return super().command(time, error, rate) + 0.5 * self.integral
 
 
-class Mixes(Own):
+class MixingController(UserController):
     """Controller that confuses rows and columns, so that it is correct only for one vehicle."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate).T.reshape(3, -1)
 
 
-class Gambles(Own):
+class NondeterministicController(UserController):
     """Controller with noise that does not depend on the seed."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate) + np.random.default_rng().normal(scale=1e-3, size=error.shape)
 
 
-class Ends(Own):
+class ExitingController(UserController):
     """Controller that exits the program, except in a small fleet."""
 
     def command(self, time, error, rate):
@@ -75,7 +75,7 @@ class Ends(Own):
         return super().command(time, error, rate)
 
 
-class Raises(Own):
+class RaisingController(UserController):
     """Controller with an error that appears in flight, in fleets of more than a given number of vehicles."""
 
     def __init__(self, num_vehicles, largest=0):
@@ -88,7 +88,7 @@ class Raises(Own):
         return super().command(time, error, rate)
 
 
-class Hangs(Own):
+class HangingController(UserController):
     """Controller that writes a file and hangs, in large fleets only."""
 
     def __init__(self, num_vehicles, file):
@@ -113,10 +113,10 @@ def run(**options):
 
 @pytest.mark.long
 def test_a_user_s_controller_gives_each_sample_the_same_result_in_a_study_and_in_a_single_flight():
-    found = run(position_controller=Own)
-    alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
-    np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)
-    assert not found.failures
+    result = run(position_controller=UserController)
+    single_metrics = simulate(study(), seed=5, sample=6, position_controller=UserController(1)).metrics
+    np.testing.assert_allclose([values[6] for values in result.metrics], single_metrics, rtol=1e-9)
+    assert not result.failures
 
 
 @pytest.mark.long
@@ -124,11 +124,14 @@ def test_a_user_s_controller_gives_each_sample_the_same_result_in_a_study_and_in
     ("controller", "words"),
     [
         (
-            Remembers,
+            RememberingController,
             r"sample 0 .* flown again in the same diagram; position_controller must store all state in Drake's context",
         ),
-        (Gambles, r"sample 0 .* flown again in the same diagram"),
-        (Mixes, r"sample 0 .* flown together with other samples; position_controller must not mix the columns"),
+        (NondeterministicController, r"sample 0 .* flown again in the same diagram"),
+        (
+            MixingController,
+            r"sample 0 .* flown together with other samples; position_controller must not mix the columns",
+        ),
     ],
 )
 def test_a_system_with_inconsistent_results_is_refused_before_anything_is_written(controller, words, tmp_path):
@@ -139,19 +142,19 @@ def test_a_system_with_inconsistent_results_is_refused_before_anything_is_writte
 
 def test_a_system_whose_code_fails_is_refused_with_its_file_and_line(tmp_path):
     with pytest.raises(InputError, match=r"^\S*test_user_systems_in_studies\.py:\d+: KeyError: 'gain'$"):
-        run(position_controller=Raises, folder=tmp_path / "study")
+        run(position_controller=RaisingController, folder=tmp_path / "study")
     assert not (tmp_path / "study").exists()
 
 
 @pytest.mark.long
 def test_code_that_fails_after_the_trial_fails_its_batch_but_not_the_study():
-    found = run(position_controller=functools.partial(Raises, largest=3))
-    assert not found.failures
+    result = run(position_controller=functools.partial(RaisingController, largest=3))
+    assert not result.failures
 
 
 @pytest.mark.long
 def test_a_system_that_mixes_the_columns_of_vehicles_is_accepted_in_batches_of_one():
-    assert not run(position_controller=Mixes, batch_size=1).failures
+    assert not run(position_controller=MixingController, batch_size=1).failures
 
 
 def test_a_system_that_cannot_be_connected_is_refused():
@@ -166,9 +169,9 @@ def LeafSystemOf(num_vehicles):
 @pytest.mark.long
 def test_system_exit_fails_a_batch_but_not_the_study():
     """The batches of four fail, but their halves fly."""
-    found, expected = run(position_controller=Ends), run(position_controller=Own)
-    assert not found.failures
-    np.testing.assert_allclose(found.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
+    result, expected = run(position_controller=ExitingController), run(position_controller=UserController)
+    assert not result.failures
+    np.testing.assert_allclose(result.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
 
 
 def run_interruptible(**options):
@@ -180,7 +183,7 @@ def run_interruptible(**options):
 @pytest.mark.long
 def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     file, folder = tmp_path / "hangs", tmp_path / "study"
-    maker = functools.partial(Hangs, file=file)
+    maker = functools.partial(HangingController, file=file)
     process = multiprocessing.get_context("fork").Process(
         target=run_interruptible, kwargs={"position_controller": maker, "folder": folder}
     )
@@ -205,18 +208,18 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
         @staticmethod
         def monotonic():
             if file.exists():
-                Clock.late += 1000.0
+                Clock.offset += 1000.0
                 file.unlink()
-            return time.monotonic() + Clock.late
+            return time.monotonic() + Clock.offset
 
-        late = 0.0
+        offset = 0.0
 
     monkeypatch.setattr(workers_module, "time", Clock)
     monkeypatch.setattr(workers_module, "wait", lambda waitables, _: connection.wait(waitables, 0.05))
-    maker = functools.partial(Hangs, file=file)
-    found = run(position_controller=maker, num_workers=1, time_limit=500.0)
-    assert not found.failures
-    np.testing.assert_allclose(found.metrics.rmse, run(position_controller=Own).metrics.rmse, rtol=1e-12)
+    maker = functools.partial(HangingController, file=file)
+    result = run(position_controller=maker, num_workers=1, time_limit=500.0)
+    assert not result.failures
+    np.testing.assert_allclose(result.metrics.rmse, run(position_controller=UserController).metrics.rmse, rtol=1e-12)
 
 
 def test_a_time_limit_cannot_be_combined_with_an_executor():

@@ -24,9 +24,9 @@ class InProcessPool(WorkerPool):
     def __init__(self, capacity):
         self.capacity, self.in_transit, self.done = capacity, [], []
 
-    def submit(self, function, given):
+    def submit(self, function, argument):
         assert len(self.in_transit) < self.capacity
-        self.in_transit.append((function, given))
+        self.in_transit.append((function, argument))
 
     def next_outcomes(self):
         function, samples = self.in_transit.pop(0)
@@ -37,25 +37,25 @@ class InProcessPool(WorkerPool):
         self.in_transit.clear()
 
 
-def fly(cursed):
+def fly(failing):
     def flown(samples):
-        if cursed & set(samples):
-            raise ArithmeticError("cursed")
+        if failing & set(samples):
+            raise ArithmeticError("no flight")
         return np.array([[sample] for sample in samples])
 
     return flown
 
 
 @given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
-def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, size, capacity):
+def test_exactly_the_samples_that_fail_in_single_flights_are_failures(failing, size, capacity):
     pool = InProcessPool(capacity)
     batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
-    outcomes = list(fly_batches(pool, fly(cursed), batches))
-    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
+    outcomes = list(fly_batches(pool, fly(failing), batches))
+    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(failing)
     flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
-    assert sorted(flown) == sorted(set(range(40)) - cursed)
+    assert sorted(flown) == sorted(set(range(40)) - failing)
     # A failing sample causes at most two further flights each time that its batch is halved.
-    assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
+    assert len(pool.done) <= len(batches) + 2 * len(failing) * int(np.ceil(np.log2(max(size, 2))) + 1)
 
 
 def test_a_failing_batch_is_halved_down_to_single_samples():
@@ -66,7 +66,9 @@ def test_a_failing_batch_is_halved_down_to_single_samples():
 
 def test_a_study_ends_after_eight_failures_of_single_samples_without_a_success():
     pool = InProcessPool(3)
-    with pytest.raises(RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: cursed"):
+    with pytest.raises(
+        RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: no flight"
+    ):
         list(fly_batches(pool, fly(set(range(40))), [range(40)]))
     assert sum(len(samples) == 1 for samples in pool.done) == 8
     failures = [
@@ -79,7 +81,7 @@ def invalid_input(samples):
     raise InputError(f"samples {[*samples]} are not allowed")
 
 
-def leaving(samples):
+def exit_program(samples):
     raise SystemExit(3)
 
 
@@ -100,7 +102,7 @@ def test_invalid_input_in_a_sample_ends_the_study(make):
 )
 def test_a_task_that_raises_system_exit_is_reported_as_failed(make):
     pool = make()
-    (outcome,) = fly_batches(pool, leaving, [[4]])
+    (outcome,) = fly_batches(pool, exit_program, [[4]])
     assert (outcome.argument, outcome.result) == ([4], None)
     # The fixture `package_functions` is not active in a new process, where file and line precede the message.
     assert re.fullmatch(r"(\S*test_worker_pool\.py:\d+: )?SystemExit: 3", outcome.reason)
@@ -122,30 +124,30 @@ def test_a_given_executor_flies_all_batches():
 
 
 def test_the_reason_for_a_failure_is_shortened_to_one_line():
-    def complain(samples):
+    def fail(samples):
         raise ValueError("many\nlines " + "and words " * 100)
 
-    outcome = run_task(complain, [0])
+    outcome = run_task(fail, [0])
     assert outcome.reason.startswith("ValueError: many lines and words and words")
     assert len(outcome.reason) <= 303
     assert outcome.reason.endswith("...")
 
 
-@pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
-def test_the_reason_for_a_failure_is_shortened_only_beyond_300_characters(length, shown):
-    def complain(samples):
+@pytest.mark.parametrize(("length", "expected_length"), [(288, 300), (289, 303)])
+def test_the_reason_for_a_failure_is_shortened_only_beyond_300_characters(length, expected_length):
+    def fail(samples):
         raise ValueError("x" * length)
 
-    outcome = run_task(complain, [0])
-    assert len(outcome.reason) == shown
+    outcome = run_task(fail, [0])
+    assert len(outcome.reason) == expected_length
     assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
 
 
 def test_an_error_without_a_message_is_described_by_its_name():
-    def complain(samples):
+    def fail(samples):
         raise ArithmeticError
 
-    assert run_task(complain, [4]) == Outcome([4], reason="ArithmeticError")
+    assert run_task(fail, [4]) == Outcome([4], reason="ArithmeticError")
 
 
 def test_ctrl_c_is_not_an_outcome():
@@ -162,7 +164,7 @@ def test_an_executor_has_one_queued_task_per_worker():
 
 
 def test_a_dying_worker_of_an_executor_fails_its_task():
-    class Dying(Executor):
+    class DyingExecutor(Executor):
         def submit(self, function, /, *arguments):
             future = Future()
             if arguments[1] == [2]:
@@ -171,7 +173,7 @@ def test_a_dying_worker_of_an_executor_fails_its_task():
                 future.set_result(function(*arguments))
             return future
 
-    pool = ExecutorPool(Dying(), 1)
+    pool = ExecutorPool(DyingExecutor(), 1)
     outcomes = list(fly_batches(pool, len, [[1], [2], [3]]))
     reasons = sorted((outcome.argument, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
     assert reasons == [([2], None, "OSError: its worker is gone")]
@@ -179,22 +181,22 @@ def test_a_dying_worker_of_an_executor_fails_its_task():
 
 
 def test_abandoned_tasks_of_an_executor_are_cancelled():
-    done, go, begun = [], threading.Event(), threading.Event()
+    done, may_end, has_begun = [], threading.Event(), threading.Event()
 
-    def wait_and_tell(given):
-        begun.set()
-        go.wait(20.0)
-        done.append(given)
-        return given
+    def wait_and_tell(argument):
+        has_begun.set()
+        may_end.wait(20.0)
+        done.append(argument)
+        return argument
 
     with ThreadPoolExecutor(1) as executor:
         pool = ExecutorPool(executor, 1)
         pool.submit(wait_and_tell, 1)
-        assert begun.wait(20.0)
+        assert has_begun.wait(20.0)
         pool.submit(wait_and_tell, 2)
         pool.abandon()
         pool.submit(wait_and_tell, 3)
-        go.set()
+        may_end.set()
         (outcome,) = pool.next_outcomes()
         assert (outcome.argument, outcome.result) == (3, 3)
     assert done == [1, 3]
@@ -219,9 +221,9 @@ def sleep_for_ever(samples):
 def test_the_reason_for_a_failure_in_the_user_s_code_begins_with_file_and_line(monkeypatch, kind):
     monkeypatch.setattr(user_code, "_LIBRARIES", ())
 
-    def complain(samples):
+    def fail(samples):
         raise kind("bad")
 
-    outcome = run_task(complain, [4])
+    outcome = run_task(fail, [4])
     assert re.fullmatch(r".*test_worker_pool\.py:\d+: (ArithmeticError: )?bad", outcome.reason)
     assert outcome.in_user_code or outcome.invalid_input

@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_quad.framework.wiring import split_output
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.allocation import Allocation, Priority, RotorModel, allocate, allocate_to_pairs
-from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
+from drake_quad.vehicle.authority import explain_infeasible_hover, explain_missing_wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
@@ -63,7 +63,7 @@ def random_layout(rng):
                 )
             )
         )
-        if not missing_direction(rotors) and not explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0):
+        if not explain_missing_wrench(rotors) and not explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0):
             return rotors
 
 
@@ -219,8 +219,8 @@ def test_a_rotor_without_drag_torque_does_not_limit_the_yaw_torque():
 
 def test_a_saturated_rotor_does_not_limit_torque_that_it_does_not_produce():
     """A weak front rotor reaches its limit first, but only the rotors at the sides produce roll torque."""
-    weak, *others = Rotors.plus()
-    rotors = Rotors(weak._replace(thrust_factor=0.8 * 4.13e-5, drag_factor=0.8 * 8.5e-7), *others)
+    weak, *other_rotors = Rotors.plus()
+    rotors = Rotors(weak._replace(thrust_factor=0.8 * 4.13e-5, drag_factor=0.8 * 8.5e-7), *other_rotors)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
     speeds, shortfall = allocate(Wrench(20.0, 0.2, 0.0, 0.0), model, "thrust")
     assert shortfall == pytest.approx((20.0 - 4.0 * 0.8 * 4.13e-5 * 300.0**2, 0.0, 0.0, 0.0), abs=1e-12)
@@ -292,7 +292,7 @@ def test_rounding_errors_move_no_rotor_below_its_limit(allocate, priority):
 
 
 def test_rounding_errors_move_no_rotor_above_its_limit():
-    """This applies to the general allocation, whose coefficients are less exact than those of pairs."""
+    """The test covers `allocate`, which has larger rounding errors than `allocate_to_pairs`."""
     rng = np.random.default_rng(3)
     speeds, _ = allocate(Wrench(*(rng.normal(size=(300, 4)) * [10.0, 3.0, 3.0, 0.3]).T), ROTORS)
     assert np.max(speeds) <= 300.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
+from drake_quad.vehicle.authority import explain_infeasible_hover, explain_missing_wrench
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 ALTERNATING_DIRECTIONS = (-1.0, 1.0, -1.0, 1.0)
@@ -20,7 +20,7 @@ SQUARE_POSITIONS = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))  # m
 
 @pytest.mark.parametrize("rotors", [Rotors.plus(), Rotors.x(length=0.1, width=0.3), Rotors.plus(length=1.0, width=0.1)])
 def test_plus_and_x_layouts_produce_every_wrench(rotors):
-    assert missing_direction(rotors) is None
+    assert explain_missing_wrench(rotors) is None
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None
 
 
@@ -42,7 +42,7 @@ def test_plus_and_x_layouts_produce_every_wrench(rotors):
 )
 def test_the_message_names_the_part_of_a_wrench_that_rotors_cannot_produce(rotors, missing):
     """The map from squared speeds to the wrench of these layouts is singular."""
-    assert missing_direction(rotors) == missing
+    assert explain_missing_wrench(rotors) == missing
     x, y, _, turns, b, d = np.array(rotors).T
     assert np.linalg.matrix_rank([b, y * b, -x * b, -turns * d * 10.0]) < 4
 
@@ -50,15 +50,16 @@ def test_the_message_names_the_part_of_a_wrench_that_rotors_cannot_produce(rotor
 def test_a_vehicle_of_a_fleet_that_cannot_produce_every_wrench_is_reported():
     arm = np.array([0.2, 0.2])
     positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert missing_direction(layout_of(positions)) is None
+    assert explain_missing_wrench(layout_of(positions)) is None
     directions = (1.0, np.array([-1.0, 1.0]), 1.0, np.array([-1.0, 1.0]))
-    assert missing_direction(layout_of(positions, directions)).startswith("yaw torque without thrust")
+    assert explain_missing_wrench(layout_of(positions, directions)).startswith("yaw torque without thrust")
 
 
 def test_a_fleet_in_which_one_vehicle_has_all_rotors_at_the_centre_is_reported():
     arm = np.array([0.2, 0.0])
     positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert missing_direction(layout_of(positions)) == "roll and pitch torque, since all its rotors are at the centre"
+    expected = "roll and pitch torque, since all its rotors are at the centre"
+    assert explain_missing_wrench(layout_of(positions)) == expected
 
 
 def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
@@ -70,11 +71,11 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
             for (x, y), turn, b, r in zip(SQUARE_POSITIONS, turns, thrust_factors, ratios, strict=True)
         )
     )
-    assert missing_direction(rotors).startswith("yaw torque without")
+    assert explain_missing_wrench(rotors).startswith("yaw torque without")
 
 
-@pytest.mark.parametrize(("fraction", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
-def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stops):
+@pytest.mark.parametrize(("fraction", "stands_still"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
+def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stands_still):
     """The layout is a plus with arms of 0.2 m, in which rotors 2 and 4 are shifted forward by e.
 
     In hover, rotor 1 then produces the fraction (0.2 - e) / 0.8 of the thrust.
@@ -83,7 +84,7 @@ def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fracti
     flaw = explain_infeasible_hover(
         layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0
     )
-    if stops:
+    if stands_still:
         assert flaw == "rotor 1 would have to stand still"
     else:
         assert flaw == (None if fraction > 0.0 else "rotor 1 would have to push down")
@@ -95,7 +96,7 @@ def test_a_vehicle_with_three_rotors_that_turn_the_same_way_cannot_hover():
     Nothing remains for rotors 1 and 3.
     """
     rotors = layout_of(SQUARE_POSITIONS, (1.0, 1.0, 1.0, -1.0))
-    assert missing_direction(rotors) is None
+    assert explain_missing_wrench(rotors) is None
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
 
 

@@ -41,7 +41,8 @@ class Drone:
         self.roll, self.pitch, self.yaw = self.numbers["mixing_matrix"] * [[arm], [arm], [1.0]]
         _, _, self.gravity = -self.numbers["gravity_vec"]
         self.inertia, self.drag = np.diag(self.numbers["J"]), -np.diag(self.numbers["drag_matrix"])
-        # A rotor that turns clockwise seen from above yaws the body to the left, so directions are -yaw.
+        # A rotor that turns clockwise seen from above yaws the body to the left. Therefore, the direction of a rotor
+        # in this library is the negative yaw coefficient of the package.
         self.thrust_factor, self.drag_factor = (
             self.numbers[name][2] / RAD_S_PER_RPM**2 for name in ("rpm2thrust", "rpm2torque")
         )
@@ -128,12 +129,14 @@ def test_derivatives_of_drone_models_equal_ours_plus_three_additional_terms(dron
     assert RECORDED_MODELS["package"] == "drone-models 0.1.0"
     max_fractions = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:
-        ours, terms = drone.rates(sample), drone.additional_terms(sample)
+        our_derivatives, terms = drone.rates(sample), drone.additional_terms(sample)
         for index, (name, rows) in enumerate(DERIVATIVE_INDICES.items()):
             expected = np.array(sample[name])
             parts = {reason: term[index] for reason, term in terms.items()}
             scale = np.abs(expected).max()
-            np.testing.assert_allclose(ours[rows] + sum(parts.values()), expected, rtol=0.0, atol=1e-9 * scale)
+            np.testing.assert_allclose(
+                our_derivatives[rows] + sum(parts.values()), expected, rtol=0.0, atol=1e-9 * scale
+            )
             for reason, part in parts.items():
                 max_fractions[reason] = max(max_fractions[reason], np.abs(part).max() / scale)
     assert min(max_fractions.values()) > 1e-3, max_fractions

@@ -69,18 +69,18 @@ def test_accelerations_agree_with_the_quadrotor_plant_of_drake(parameters_withou
     )
     context = plant.CreateDefaultContext()
     for state in random_states(300, seed=1):
-        ours = body_derivative(state, parameters)
+        our_derivative = body_derivative(state, parameters)
         euler = RollPitchYaw(state[3:6])
         rates = euler.CalcRpyDtFromAngularVelocityInChild(state[9:12])
         context.SetContinuousState(np.concatenate([state[:6], state[6:9], rates]))
         # The second rotor of Drake's plant is at +y, where the paper has the fourth.
         squares = state[[12, 15, 14, 13]] ** 2
         plant.get_input_port().FixValue(context, squares)
-        theirs = plant.EvalTimeDerivatives(context).CopyToVector()
-        assert_close(ours[0:6], theirs[0:6])
-        assert_close(ours[6:9], theirs[6:9])
-        euler_acceleration = euler.CalcRpyDDtFromAngularAccelInChild(rates, ours[9:12])
-        assert_close(euler_acceleration, theirs[9:12])
+        drake_derivative = plant.EvalTimeDerivatives(context).CopyToVector()
+        assert_close(our_derivative[0:6], drake_derivative[0:6])
+        assert_close(our_derivative[6:9], drake_derivative[6:9])
+        euler_acceleration = euler.CalcRpyDDtFromAngularAccelInChild(rates, our_derivative[9:12])
+        assert_close(euler_acceleration, drake_derivative[9:12])
 
 
 def multibody_plant(parameters):
@@ -125,9 +125,9 @@ def assert_accelerates_as_multibody(parameters, states):
         plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(w_W, state[6:9]))
         diagram.get_input_port().FixValue(root, state[12:] ** 2)
         acceleration = plant.EvalBodySpatialAccelerationInWorld(context, body)
-        ours = body_derivative(state, parameters)
-        assert_close(ours[6:9], acceleration.translational())
-        assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
+        our_derivative = body_derivative(state, parameters)
+        assert_close(our_derivative[6:9], acceleration.translational())
+        assert_close(our_derivative[9:12], R_WB.inverse() @ acceleration.rotational())
 
 
 def test_accelerations_agree_with_a_multibody_plant_with_propellers(parameters_without_drag):

@@ -177,9 +177,9 @@ BATTERY = Battery(voltage=12.6, empty_voltage=10.2, capacity=0.05, resistance=0.
 
 def test_the_voltage_under_load_satisfies_the_circuit_equations():
     """The closed form agrees with a numerical solution of Kirchhoff's voltage law and the power balance."""
-    for drawn, power in ((0.0, 0.0), (0.01, 80.0), (0.04, 150.0)):
-        voltage, current = battery_load(Charge(drawn), power, BATTERY)
-        open_circuit_voltage = np.interp(drawn, [0.0, 0.05], [12.6, 10.2])
+    for charge, power in ((0.0, 0.0), (0.01, 80.0), (0.04, 150.0)):
+        voltage, current = battery_load(Charge(charge), power, BATTERY)
+        open_circuit_voltage = np.interp(charge, [0.0, 0.05], [12.6, 10.2])
 
         def circuit(unknown, open_circuit_voltage=open_circuit_voltage, power=power):
             v, i = unknown
@@ -204,23 +204,23 @@ def test_the_rotors_discharge_the_battery(time_step):
     vehicle, context = vehicle_and_context_after(Effects(battery=BATTERY), [240.0] * 4, 3.0, time_step, parameters)
 
     def derivative(_, y):
-        speed_of_rotor, drawn = y
+        speed_of_rotor, drawn_charge = y
         power = 4.0 * 1.2e-6 * speed_of_rotor**3 / 0.65
-        open_circuit_voltage = 12.6 - 2.4 * drawn / 0.05
+        open_circuit_voltage = 12.6 - 2.4 * drawn_charge / 0.05
         voltage = scipy.optimize.brentq(
             lambda v: v * (open_circuit_voltage - v) / 0.04 - power, 0.6 * open_circuit_voltage, open_circuit_voltage
         )
         return [(240.0 * voltage / 12.6 - speed_of_rotor) / 0.05, power / voltage / 3600.0]
 
     start = [np.sqrt(0.68 * 9.81 / 4.0 / 4.13e-5), 0.0]
-    speed, drawn = scipy.integrate.solve_ivp(derivative, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
+    speed, drawn_charge = scipy.integrate.solve_ivp(derivative, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
     assert speed < 230.0
     speeds = vehicle.GetOutputPort("rotor_speed").Eval(context)
     # A vehicle with time steps is less exact than one with a continuous state, because the voltage at the beginning of
     # a step is used for the whole step.
     np.testing.assert_allclose(speeds, speed, rtol=2e-4 if time_step else 1e-5)
     charge = vehicle.GetOutputPort("charge").Eval(context)
-    np.testing.assert_allclose(charge, drawn, rtol=1e-3 if time_step else 1e-5)
+    np.testing.assert_allclose(charge, drawn_charge, rtol=1e-3 if time_step else 1e-5)
 
 
 def test_rotor_power_is_torque_times_speed():

@@ -77,8 +77,8 @@ def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle():
     commands = ROTOR_SPEED_COMMAND + np.array([[0.0], [3.0], [-4.0]])
     fleet = final_state(quadrotor(ASYMMETRIC_VEHICLE._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
     for i, mass in enumerate(masses):
-        alone = final_state(quadrotor(ASYMMETRIC_VEHICLE._replace(mass=float(mass))), 0.6, command=commands[i])
-        np.testing.assert_allclose(fleet[:, i], alone[:, 0], rtol=0.0, atol=1e-12)
+        single_state = final_state(quadrotor(ASYMMETRIC_VEHICLE._replace(mass=float(mass))), 0.6, command=commands[i])
+        np.testing.assert_allclose(fleet[:, i], single_state[:, 0], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
@@ -130,8 +130,8 @@ def test_the_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles)
     variables = MakeVectorVariable(16 * num_vehicles, "x")
     symbolic_context.SetContinuousState(variables)
     context.SetContinuousState(state)
-    for system, its_context in ((vehicle, context), (symbolic, symbolic_context)):
-        system.GetInputPort("rotor_speed_command").FixValue(its_context, command)
+    for system, system_context in ((vehicle, context), (symbolic, symbolic_context)):
+        system.GetInputPort("rotor_speed_command").FixValue(system_context, command)
     expected = vehicle.EvalTimeDerivatives(context).CopyToVector()
     expressions = symbolic.EvalTimeDerivatives(symbolic_context).CopyToVector()
     values = Evaluate(expressions, dict(zip(variables, state, strict=True)))[:, 0]

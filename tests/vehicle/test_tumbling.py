@@ -10,7 +10,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simula
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
-from tumbling import Tumbles, degrees_apart, flown, random_tumbles, rotations
+from tumbling import Tumbles, degrees_apart, integrate_tumbles, random_tumbles, rotations
 
 from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.framework.formulas import kernel
@@ -18,7 +18,7 @@ from drake_quad.framework.records import ROW, layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import Attitude, AttitudeTarget
-from drake_quad.vehicle.attitude_kinematics import RotationSince
+from drake_quad.vehicle.attitude_kinematics import IntegratedQuaternion
 from drake_quad.vehicle.attitude_response import (
     AttitudeResponse,
     AttitudeResponseConfig,
@@ -62,7 +62,7 @@ def final_states_and_swings(parameters, tumbles, time_step, duration, load=None,
 def test_random_tumbles_are_integrated_with_fourth_order(asymmetric_vehicle):
     """Vehicles pass pitches of ±90° at up to 10 rad/s. Errors are below 0.002° with the default time step."""
     tumbles = random_tumbles(40, seed=0)
-    position, rotation, velocity, rates, *_ = flown(asymmetric_vehicle, tumbles, 2.0)
+    position, rotation, velocity, rates, *_ = integrate_tumbles(asymmetric_vehicle, tumbles, 2.0)
     errors = []
     for step in TIME_STEPS:
         states, _ = final_states_and_swings(asymmetric_vehicle, tumbles, step, 2.0)
@@ -92,7 +92,7 @@ def test_a_flip_is_correct_however_close_it_passes_to_a_pitch_of_90_degrees(yaw_
     """The vehicle pitches at 6 rad/s for 0.6 s. Roll and yaw jump by 180° near a pitch of 90°."""
     flip = flip_at(yaw_rate)
     final_state, _ = final_states_and_swings(FLIP_PARAMETERS, flip, 0.01, 0.6)
-    _, rotation, *_ = flown(FLIP_PARAMETERS, flip, 0.6)
+    _, rotation, *_ = integrate_tumbles(FLIP_PARAMETERS, flip, 0.6)
     assert degrees_apart(final_state[:, 3:6], rotation) < 1e-5
     assert np.cos(final_state[0, 3]) < -0.9, "the vehicle should turn over"
 
@@ -139,7 +139,7 @@ def test_the_angles_at_the_end_of_a_step_represent_the_rotated_attitude(max_angl
     """The test covers floats, arrays and compiled code, arbitrary attitudes, and rotations of different sizes."""
 
     def attitude_after(roll, pitch, yaw, w, x, y, z):
-        return RotationSince.of(Attitude(roll, pitch, yaw)).attitude(Quaternion(w, x, y, z))
+        return IntegratedQuaternion.of(Attitude(roll, pitch, yaw)).attitude(Quaternion(w, x, y, z))
 
     rng = np.random.default_rng(3)
     initial_angles = rng.uniform([-math.pi, -0.5 * math.pi, -7.0], [math.pi, 0.5 * math.pi, 7.0], (500, 3))
@@ -242,7 +242,7 @@ def test_a_continuous_state_turns_over_correctly_or_its_integrator_raises_an_err
         assert "smaller than minimum allowed" in str(error)
         return
     final_state = vehicle.GetOutputPort("state").Eval(context)[None, :]
-    _, rotation, *_ = flown(FLIP_PARAMETERS, flip, 0.6)
+    _, rotation, *_ = integrate_tumbles(FLIP_PARAMETERS, flip, 0.6)
     assert degrees_apart(final_state[:, 3:6], rotation) < 1e-3
 
 
@@ -314,7 +314,7 @@ def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymme
     swings[3:6, 1] = 0.5 * np.pi - 1e-4
     rods = [rod_from_swing(swing) for swing in swings]
     initial_rods = np.array([rod.direction for rod in rods]), np.array([rod.rate for rod in rods])
-    position, rotation, velocity, _, load_position, load_velocity = flown(
+    position, rotation, velocity, _, load_position, load_velocity = integrate_tumbles(
         asymmetric_vehicle, tumbles, 1.0, SLUNG_LOAD, initial_rods
     )
     directions, rates = (load_position - position) / SLUNG_LOAD.length, (load_velocity - velocity) / SLUNG_LOAD.length

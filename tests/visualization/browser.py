@@ -51,13 +51,13 @@ class Browser:
 
     def __init__(self, page: Path, profile: Path, *, fragment: str = "") -> None:
         self.console: list[str] = []
-        there, self._to = os.pipe()
-        self._from, back = os.pipe()
+        browser_input, self._browser_input = os.pipe()
+        self._browser_output, browser_output = os.pipe()
         command = [CHROMIUM, *_OPTIONS, f"--user-data-dir={profile}", "about:blank"]
-        start = [sys.executable, "-c", _START_PROGRAM, str(there), str(back), *command]
-        self._process = subprocess.Popen(start, pass_fds=(there, back), stderr=subprocess.DEVNULL)
-        os.close(there)
-        os.close(back)
+        start = [sys.executable, "-c", _START_PROGRAM, str(browser_input), str(browser_output), *command]
+        self._process = subprocess.Popen(start, pass_fds=(browser_input, browser_output), stderr=subprocess.DEVNULL)
+        os.close(browser_input)
+        os.close(browser_output)
         self._rest, self._count, self._session = b"", 0, None
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
@@ -71,8 +71,8 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self._process.kill()
         self._process.wait()
-        os.close(self._to)
-        os.close(self._from)
+        os.close(self._browser_input)
+        os.close(self._browser_output)
 
     def call(self, method: str, **parameters: Any) -> Any:
         """Call a method of the protocol, and return its result."""
@@ -80,14 +80,14 @@ class Browser:
         message = {"id": self._count, "method": method, "params": parameters}
         if self._session is not None:
             message["sessionId"] = self._session
-        os.write(self._to, json.dumps(message).encode() + b"\0")
+        os.write(self._browser_input, json.dumps(message).encode() + b"\0")
         while True:
-            answer = self._message()
-            if answer.get("id") == self._count:
-                assert "error" not in answer, answer
-                return answer["result"]
-            if answer.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
-                self.console.append(json.dumps(answer["params"]))
+            reply = self._message()
+            if reply.get("id") == self._count:
+                assert "error" not in reply, reply
+                return reply["result"]
+            if reply.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
+                self.console.append(json.dumps(reply["params"]))
 
     def value(self, expression: str) -> Any:
         """Return the value of a JavaScript expression."""
@@ -109,7 +109,7 @@ class Browser:
 
     def _message(self) -> Any:
         while b"\0" not in self._rest:
-            more = os.read(self._from, 1 << 16)
+            more = os.read(self._browser_output, 1 << 16)
             assert more, "the browser has ended"
             self._rest += more
         message, _, self._rest = self._rest.partition(b"\0")
@@ -171,6 +171,6 @@ def take_film(page: Path, first: float, last: float, file: Path, view: Sequence[
 
 if __name__ == "__main__":
     moments = [float(each) for each in sys.argv[2].split(":")]
-    eye = [float(each) for each in sys.argv[4:]] or _VIEW
-    take = take_picture if len(moments) == 1 else take_film
-    take(Path(sys.argv[1]), *moments, Path(sys.argv[3]), eye)
+    camera_view = [float(each) for each in sys.argv[4:]] or _VIEW
+    write_recording = take_picture if len(moments) == 1 else take_film
+    write_recording(Path(sys.argv[1]), *moments, Path(sys.argv[3]), camera_view)

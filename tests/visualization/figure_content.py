@@ -3,8 +3,8 @@
 
 def curve(axes, label):
     """Return the data (2, N) of the curve that has a given label."""
-    (found,) = [line for line in axes.lines if line.get_label() == label]
-    return found.get_xydata().T
+    (result,) = [line for line in axes.lines if line.get_label() == label]
+    return result.get_xydata().T
 
 
 def legends(figure):

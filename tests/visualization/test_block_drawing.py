@@ -1,4 +1,4 @@
-"""Committed block drawings are current, and show the systems and connections of their diagrams."""
+"""Tests that committed block drawings are current, and show the systems and connections of their diagrams."""
 
 import re
 import shutil

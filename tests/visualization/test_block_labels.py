@@ -1,4 +1,4 @@
-"""Blocks and connections of a drawing have the names and sizes of a small diagram."""
+"""Tests of the labels and shapes of blocks and connections in the drawing of a small diagram."""
 
 import re
 from itertools import pairwise
@@ -15,8 +15,8 @@ def inner_diagram(name, *systems):
     builder = DiagramBuilder()
     for system in systems:
         builder.AddSystem(system)
-    for one, other in pairwise(systems):
-        builder.Connect(one.get_output_port(), other.get_input_port())
+    for first, second in pairwise(systems):
+        builder.Connect(first.get_output_port(), second.get_input_port())
     builder.ExportInput(systems[0].get_input_port(), "command")
     builder.ExportOutput(systems[-1].get_output_port(), "thrust")
     diagram = builder.Build()
@@ -30,7 +30,7 @@ def named(system, name):
 
 
 @pytest.fixture(scope="module")
-def drawn():
+def drawings_by_path():
     """Return a loop of an adder, a motor and a splitter, with a diagram that wraps a single system."""
     builder = DiagramBuilder()
     adder = builder.AddNamedSystem("sum", Adder(2, 3))
@@ -50,14 +50,14 @@ def drawn():
     return drawings(diagram)
 
 
-def test_a_diagram_of_a_single_system_has_no_separate_drawing(drawn):
-    assert list(drawn) == ["", "motor"]
-    assert 'label="small"' in drawn[""]
-    assert 'label="motor"' in drawn["motor"]
+def test_a_diagram_of_a_single_system_has_no_separate_drawing(drawings_by_path):
+    assert list(drawings_by_path) == ["", "motor"]
+    assert 'label="small"' in drawings_by_path[""]
+    assert 'label="motor"' in drawings_by_path["motor"]
 
 
-def test_blocks_show_their_name_and_their_class_if_it_differs(drawn):
-    nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawn[""], re.MULTILINE))
+def test_blocks_show_their_name_and_their_class_if_it_differs(drawings_by_path):
+    nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawings_by_path[""], re.MULTILINE))
     assert nodes["s0"] == 'label="sum\\nAdder"'
     # A block whose inside is shown in another drawing has a double outline.
     assert nodes["s1"] == 'label="motor", peripheries=2, fillcolor="#DCE9F5"'
@@ -67,12 +67,12 @@ def test_blocks_show_their_name_and_their_class_if_it_differs(drawn):
     assert nodes["i0"].startswith('label="offset", shape=plaintext')
     assert nodes["o2"].startswith('label="seen", shape=plaintext')
     assert nodes["o3"].startswith('label="first\\nothers", shape=plaintext')
-    inside = dict(re.findall(r"^ +(s\d+) \[(.*)\];$", drawn["motor"], re.MULTILINE))
+    inside = dict(re.findall(r"^ +(s\d+) \[(.*)\];$", drawings_by_path["motor"], re.MULTILINE))
     assert inside == {"s0": 'label="gain"', "s1": 'label="integrator"'}
 
 
-def test_connections_are_ordered_and_labelled_with_signal_and_size(drawn):
-    edges = re.findall(r'^ +(\w+) -> (\w+) \[label="(.*)"\];$', drawn[""], re.MULTILINE)
+def test_connections_are_ordered_and_labelled_with_signal_and_size(drawings_by_path):
+    edges = re.findall(r'^ +(\w+) -> (\w+) \[label="(.*)"\];$', drawings_by_path[""], re.MULTILINE)
     assert edges == [
         ("i0", "s0", "(3)"),
         ("s0", "s1", "sum (3)"),
@@ -84,6 +84,6 @@ def test_connections_are_ordered_and_labelled_with_signal_and_size(drawn):
     ]
 
 
-def test_the_digest_changes_with_the_drawing(drawn):
-    assert digest(drawn[""]) == digest(str(drawn[""]))
-    assert len({digest(text) for text in (*drawn.values(), drawn[""] + " ")}) == 3
+def test_the_digest_changes_with_the_drawing(drawings_by_path):
+    assert digest(drawings_by_path[""]) == digest(str(drawings_by_path[""]))
+    assert len({digest(text) for text in (*drawings_by_path.values(), drawings_by_path[""] + " ")}) == 3

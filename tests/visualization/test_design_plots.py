@@ -1,4 +1,4 @@
-"""Plots of designs, stability maps, plans and sensitivities show the right values."""
+"""Tests that plots of designs, stability maps, plans and sensitivities show the right values."""
 
 import dataclasses
 import math
@@ -80,18 +80,18 @@ def test_the_loop_of_a_nyquist_plot_stays_outside_the_disk_and_touches_it(design
         curve = axes.lines[0].get_xydata() @ [1.0, 1j]
         frequency = np.geomspace(0.1, 0.9 * math.pi / loop.plant.period, 400)
         expected = response_of(loop, frequency)
-        apart = np.abs(expected[:, None] - curve).min(axis=1)
-        assert (apart < 0.05 * np.maximum(np.abs(expected), 0.1)).all()
+        distances = np.abs(expected[:, None] - curve).min(axis=1)
+        assert (distances < 0.05 * np.maximum(np.abs(expected), 0.1)).all()
         np.testing.assert_allclose(np.abs(axes.lines[1].get_xydata() @ [1.0, 1j]), 1.0)
         corners = axes.patches[0].get_xy()
         low, high = corners[:, 0].min(), corners[:, 0].max()
         alpha = loop.margins.disk
         ends = [-(1.0 + 0.5 * alpha) / (1.0 - 0.5 * alpha), -(1.0 - 0.5 * alpha) / (1.0 + 0.5 * alpha)]
         np.testing.assert_allclose([low, high], ends, rtol=1e-3)
-        middle, radius = 0.5 * (low + high), 0.5 * (high - low)
-        np.testing.assert_allclose(np.hypot(corners[:, 0] - middle, corners[:, 1]), radius, rtol=1e-3)
+        centre, radius = 0.5 * (low + high), 0.5 * (high - low)
+        np.testing.assert_allclose(np.hypot(corners[:, 0] - centre, corners[:, 1]), radius, rtol=1e-3)
         # The Nyquist curve touches the disk of the disk margin.
-        assert np.abs(curve - middle).min() == pytest.approx(radius, rel=0.02)
+        assert np.abs(curve - centre).min() == pytest.approx(radius, rel=0.02)
         assert axes.lines[2].get_xydata().tolist() == [[-1.0, 0.0]]
 
 
@@ -107,18 +107,18 @@ def test_a_root_locus_contains_the_poles_of_the_closed_loop(design):
 
     def poles(factor):
         """Return the poles in continuous time, without those of delays, which have no continuous counterpart."""
-        found = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
-        return np.log(found[np.abs(found) > 1e-6].astype(complex)) / plant.period
+        result = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
+        return np.log(result[np.abs(result) > 1e-6].astype(complex)) / plant.period
 
     limit = 10.0 ** (loop.margins.gain / 20.0)
     marked = [line for line in axes.lines if line.get_marker() in "xso" and line.get_linestyle() == "None"]
     assert len(marked) == 3
     for line, factor in zip(marked, (0.0, 1.0, limit), strict=True):
-        drawn = line.get_xydata() @ [1.0, 1j]
-        drawn = drawn[np.isfinite(drawn)]
+        drawn_poles = line.get_xydata() @ [1.0, 1j]
+        drawn_poles = drawn_poles[np.isfinite(drawn_poles)]
         for pole in poles(factor):
-            assert np.abs(drawn - pole).min() < 1e-4 * (1.0 + abs(pole))
-        assert len(drawn) == len(poles(factor))
+            assert np.abs(drawn_poles - pole).min() < 1e-4 * (1.0 + abs(pole))
+        assert len(drawn_poles) == len(poles(factor))
     # At the limit of stability a pair of poles is on the imaginary axis.
     assert np.abs(poles(limit).real).min() < 1e-2
     assert marked[2].get_label() == f"limit of stability, × {limit:.2f}"
@@ -145,15 +145,15 @@ def test_step_responses_settle_at_the_step_size():
     for axes, (row, size) in zip(
         design_plots.plot_steps(loop).axes, (("x", 0.5), ("z", 0.5), ("yaw", 0.5)), strict=True
     ):
-        diagram, model, wanted = axes.lines
+        diagram, model, reference = axes.lines
         assert axes.get_title() == f"step in {row}"
-        assert wanted.get_ydata()[0] == size
+        assert reference.get_ydata()[0] == size
         for line in (diagram, model):
             assert line.get_ydata()[0] == pytest.approx(0.0, abs=1e-9)
             assert line.get_ydata()[-1] == pytest.approx(size, rel=0.1)
         np.testing.assert_allclose(diagram.get_ydata(), model.get_ydata(), atol=0.12 * size)
         assert axes.get_ylim()[1] >= 1.06 * size
-    # The plot ends when the slowest mode has decayed below 1 %, but not before 4 s or after 60 s.
+    # The plot ends after five time constants of the slowest mode, but not before 4 s or after 20 s.
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 20.0), abs=0.05)
 
@@ -164,8 +164,10 @@ def metrics_of(rmse, crashed):
 
 @pytest.fixture(scope="module")
 def panels():
-    """Return panels and their values. Gains with k_D below k_P / 4 are unstable, and flights with the largest gains
-    crash."""
+    """Return panels and their values.
+
+    Gains with k_D below k_P / 4 are unstable, and flights with the largest gains crash.
+    """
     first, second = np.linspace(1.0, 5.0, 9), np.linspace(0.5, 3.5, 13)
     k_p, k_d = np.meshgrid(first, second, indexing="ij")
     size = 1.0 + 0.1 * (0.25 * k_p - k_d)
@@ -186,13 +188,13 @@ def drawn_map(panels, first, second, marked=(3.0, 2.0)):
 
 @pytest.mark.long
 def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
-    found, first, second, rmse, crashed = panels
-    figure = drawn_map(found, first, second)
+    result, first, second, rmse, crashed = panels
+    figure = drawn_map(result, first, second)
     left, right, bar = figure.axes
     for axes, factor in ((left, 1.0), (right, 4.0)):
         (image,) = axes.images
-        shown = np.ma.filled(image.get_array(), np.nan)
-        np.testing.assert_allclose(shown, np.where(crashed, np.nan, 100.0 * factor * rmse))
+        drawn_values = np.ma.filled(image.get_array(), np.nan)
+        np.testing.assert_allclose(drawn_values, np.where(crashed, np.nan, 100.0 * factor * rmse))
         # Each pair of gains is in the middle of its cell.
         assert image.get_extent() == pytest.approx((0.5 - 0.125, 3.5 + 0.125, 0.75, 5.25))
         assert image.origin == "lower"
@@ -208,13 +210,13 @@ def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     assert named == ["stability limit", "damping ratio ζ", "delay margin", "gains of the scenario", "crashed"]
     assert figure.get_suptitle() == "Gains of the position loop: simulated flights as colours, linear model as lines"
-    outside = drawn_map(found, first, second, marked=(0.5, 2.0)).axes[0]
+    outside = drawn_map(result, first, second, marked=(0.5, 2.0)).axes[0]
     assert not outside.lines
 
 
 def test_contours_of_a_map_show_stability_limit_damping_and_delay_margin(panels):
-    found, first, second, *_ = panels
-    axes = drawn_map(found, first, second).axes[0]
+    result, first, second, *_ = panels
+    axes = drawn_map(result, first, second).axes[0]
     edge, damping, delay = [each for each in axes.collections if hasattr(each, "levels")]
     for path in edge.get_paths():
         for k_d, k_p in path.vertices:
@@ -230,13 +232,13 @@ def test_contours_of_a_map_show_stability_limit_damping_and_delay_margin(panels)
     labels = [text.get_text() for text in axes.texts]
     assert {"ζ 0.4", "80 ms"} <= set(labels)
     # A map has no stability limit if all gains are stable.
-    stable = [found[0]._replace(linear=found[0].linear._replace(size=np.full((9, 13), 0.9)))]
+    stable = [result[0]._replace(linear=result[0].linear._replace(size=np.full((9, 13), 0.9)))]
     assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
 
 
 def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
-    found, first, second, *_ = panels
-    figure = drawn_map(found[:1], first, second)
+    result, first, second, *_ = panels
+    figure = drawn_map(result[:1], first, second)
     figure.draw_without_rendering()
     axes = figure.axes[0]
     inside = axes.get_window_extent()
@@ -255,15 +257,15 @@ def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
 
 
 def test_the_colour_scale_of_a_map_has_a_positive_width_if_all_errors_are_equal_or_tiny(panels):
-    found, first, second, *_ = panels
-    zero = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
+    result, first, second, *_ = panels
+    zero = [result[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.01, 0.02))
-    crash = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
+    crash = [result[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
     image = drawn_map(crash, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((1.0, 2.0))
     wide = [
-        found[0]._replace(simulated=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))
+        result[0]._replace(simulated=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))
     ]
     image = drawn_map(wide, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.1, 3.0))
@@ -273,8 +275,8 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     fields = ("a", "b", "c", "d")
     values = np.array([2.0, 0.5, 0.0, 4.0])
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
-    found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
-    (axes,) = plot_sensitivities(found, "rmse").axes
+    result = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
+    (axes,) = plot_sensitivities(result, "rmse").axes
     # The largest bar is at the top. A field that is zero and a metric without a derivative have no bar.
     assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.5, -2.5])
@@ -283,11 +285,11 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     reference = new_figure(1.0, 1.0).subplots().bar([0, 1], [1, 1], color=[VERMILION, BLUE])
     assert colors == [bar.get_facecolor() for bar in reference]
     assert axes.get_title() == "Sensitivities of RMSE"
-    (nothing,) = plot_sensitivities(found, "effort_x").axes
-    mine = dataclasses.replace(found, metrics={"my_metric": 0.4}, gradients={"my_metric": gradients["rmse"]})
+    (empty_axes,) = plot_sensitivities(result, "effort_x").axes
+    mine = dataclasses.replace(result, metrics={"my_metric": 0.4}, gradients={"my_metric": gradients["rmse"]})
     assert plot_sensitivities(mine, "my_metric").axes[0].get_title() == "Sensitivities of my metric"
-    assert not nothing.patches
-    assert nothing.texts[0].get_text() == "no field changes the metric to first order"
+    assert not empty_axes.patches
+    assert empty_axes.texts[0].get_text() == "no field changes the metric to first order"
 
 
 @pytest.fixture(scope="module")
@@ -316,12 +318,12 @@ def test_a_plan_is_drawn_in_three_views(planned, drawn_plan):
         assert axes.get_aspect() == 1.0
         assert bool(axes.texts) == (j == 1)
     # Waypoints at the same position have a single label with all their numbers.
-    shown = sorted(int(number) for text in views[0].texts for number in text.get_text().split(", "))
-    assert shown == list(range(len(plan.waypoints)))
+    numbers = sorted(int(number) for text in views[0].texts for number in text.get_text().split(", "))
+    assert numbers == list(range(len(plan.waypoints)))
     for text in views[0].texts:
         for number in text.get_text().split(", "):
-            near = 0.02 * np.ptp(plan.waypoints[:, :2], axis=0).max()
-            assert np.linalg.norm(plan.waypoints[int(number), :2] - text.xy) <= near + 1e-9
+            tolerance = 0.02 * np.ptp(plan.waypoints[:, :2], axis=0).max()
+            assert np.linalg.norm(plan.waypoints[int(number), :2] - text.xy) <= tolerance + 1e-9
 
 
 def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
@@ -349,8 +351,8 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
     ]
     assert [text.get_text() for text in rotors.get_legend().get_texts()] == [f"rotor {i}" for i in range(1, 5)]
     assert rotors.get_ylim() == pytest.approx((0.0, 1.12 * parameters.max_rotor_speed))
-    passed = [line.get_xdata()[0] for line in rotors.lines[6:]]
-    np.testing.assert_allclose(passed, plan.path.times)
+    waypoint_times = [line.get_xdata()[0] for line in rotors.lines[6:]]
+    np.testing.assert_allclose(waypoint_times, plan.path.times)
 
 
 @pytest.mark.slow
@@ -358,8 +360,8 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
 def test_the_yaw_axis_contains_the_yaw_and_spans_at_least_twenty_degrees(planned, turn):
     plan, parameters = planned
     ends = np.radians([[[0.0], [0.0], [0.0]], [[turn], [0.0], [0.0]]])
-    turning = Plan(plan.path, hermite_path(plan.path.times[[0, -1]], ends))
-    *_, yaw, _ = plan_plots.plot_plan(turning, parameters).axes
+    turning_plan = Plan(plan.path, hermite_path(plan.path.times[[0, -1]], ends))
+    *_, yaw, _ = plan_plots.plot_plan(turning_plan, parameters).axes
     low, high = yaw.get_ylim()
     if turn < 20.0:
         assert (low, high) == pytest.approx((0.5 * turn - 10.0, 0.5 * turn + 10.0))
@@ -408,13 +410,13 @@ def test_obstacles_are_drawn_as_projections():
     )
     axes = new_figure(3.0, 3.0).subplots()
     draw_obstacles(axes, space, 0, 2, clearance=True)
-    box, around, disc, ring = axes.patches
+    box, box_clearance, disc, disc_clearance = axes.patches
     np.testing.assert_allclose(np.sort(box.get_xy()[:-1], axis=0), [[0.8, 0.0], [0.8, 0.0], [1.2, 1.0], [1.2, 1.0]])
     np.testing.assert_allclose(
-        [around.get_xy().min(axis=0), around.get_xy().max(axis=0)], [[0.5, -0.3], [1.5, 1.3]], atol=1e-3
+        [box_clearance.get_xy().min(axis=0), box_clearance.get_xy().max(axis=0)], [[0.5, -0.3], [1.5, 1.3]], atol=1e-3
     )
     np.testing.assert_allclose(np.hypot(*(disc.get_xy() - [0.0, 1.0]).T), 1.0, atol=0.02)
-    np.testing.assert_allclose(np.hypot(*(ring.get_xy() - [0.0, 1.0]).T), 1.3, atol=0.02)
+    np.testing.assert_allclose(np.hypot(*(disc_clearance.get_xy() - [0.0, 1.0]).T), 1.3, atol=0.02)
     assert [patch.get_fill() for patch in axes.patches] == [True, False, True, False]
     assert not axes.texts
     above = new_figure(3.0, 3.0).subplots()
@@ -423,9 +425,9 @@ def test_obstacles_are_drawn_as_projections():
     assert [text.get_text() for text in above.texts] == ["post", "ball"]
     assert above.texts[0].get_position() == pytest.approx((1.0, 1.7))
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0]])
-    found = convex_hull(square)
-    assert sorted(map(tuple, found.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    x, y = found.T
+    result = convex_hull(square)
+    assert sorted(map(tuple, result.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    x, y = result.T
     assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) == pytest.approx(1.0)
     solid = new_figure(3.0, 3.0).add_subplot(projection="3d")
     corners = draw_solids(solid, space)

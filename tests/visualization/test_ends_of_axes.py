@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins, ticks are at round numbers, and overlapping curves are dashed."""
+"""Tests that axes contain all curves, that ticks are at round numbers, and that overlapping curves are dashed."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -66,14 +66,14 @@ def test_damping_rays_are_labelled_near_their_ends(design):
 
 
 def test_compared_errors_fit_into_the_axes():
-    metrics = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
+    metrics = {name: {"a": study().metrics, "b": no_crash(1, 50).metrics} for name in ("calm", "wind")}
     # Errors of the second scenario that are larger than all errors of the first one are drawn, too.
     large = metrics["wind"]["a"]
     metrics["wind"]["a"] = large._replace(rmse=3.0 * large.rmse)
     panels = plot_comparison(metrics).axes
-    most = max(line.get_xdata().max() for axes in panels for line in axes.lines)
+    max_error = max(line.get_xdata().max() for axes in panels for line in axes.lines)
     for axes in panels:
-        assert 1.1 * most < axes.get_xlim()[1] < 1.7 * most
+        assert 1.1 * max_error < axes.get_xlim()[1] < 1.7 * max_error
 
 
 def test_the_axis_of_sample_fractions_ends_just_above_one():
@@ -107,11 +107,11 @@ def is_dashed(distance, fraction, count=200):
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     x = np.linspace(0.0, 1.0, count)
     axes.plot(x, np.full(count, 0.5))
-    apart = np.where(np.arange(count) < fraction * count, distance, 40.0)
+    offsets = np.where(np.arange(count) < fraction * count, distance, 40.0)
     # The figure is 216 points high.
-    (other,) = axes.plot(x, 0.5 + apart / 216.0)
+    (second_curve,) = axes.plot(x, 0.5 + offsets / 216.0)
     dash_overlapping_curves(axes)
-    return other.is_dashed()
+    return second_curve.is_dashed()
 
 
 def test_curves_overlap_if_they_are_near_over_a_quarter_of_their_length():
@@ -133,7 +133,7 @@ def test_curves_with_different_abscissas_are_not_compared():
 
 def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     calls = []
-    monkeypatch.setattr(curves, "dashes", lambda *given: calls.append(given) or "--")
+    monkeypatch.setattr(curves, "dashes", lambda *arguments: calls.append(arguments) or "--")
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 10)
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
@@ -146,8 +146,8 @@ def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
 
 def test_panels_of_single_rotors_do_not_include_the_speed_limits():
     flight = simulate(load_scenario("figure_eight", ["duration=0.4"]))
-    close, *_, whole = plots.plot_rotors(flight).axes
-    (bottom, top), (lowest, highest) = close.get_ylim(), whole.get_ylim()
+    single_rotor, *_, all_rotors = plots.plot_rotors(flight).axes
+    (bottom, top), (lowest, highest) = single_rotor.get_ylim(), all_rotors.get_ylim()
     speeds = flight["rotor_speed"]
     assert bottom < speeds.min() < speeds.max() < top
     vehicle = flight.scenario.vehicle
@@ -179,9 +179,9 @@ def test_a_diverged_flight_is_drawn_until_its_state_is_not_finite():
     state[-5:] = np.nan
     state[-5:, 1] = 1e6  # large but finite; a position with NaN components is not shown
     diverged = replace(flight, signals={**flight.signals, "state": state})
-    for whole, part in zip(plot_wind(flight).axes[:2], plot_wind(diverged).axes[:2], strict=True):
-        np.testing.assert_allclose(part.get_xlim(), whole.get_xlim(), atol=0.02)
-        np.testing.assert_allclose(part.get_ylim(), whole.get_ylim(), atol=0.02)
+    for full_axes, cut_axes in zip(plot_wind(flight).axes[:2], plot_wind(diverged).axes[:2], strict=True):
+        np.testing.assert_allclose(cut_axes.get_xlim(), full_axes.get_xlim(), atol=0.02)
+        np.testing.assert_allclose(cut_axes.get_ylim(), full_axes.get_ylim(), atol=0.02)
 
 
 @pytest.mark.slow
@@ -223,7 +223,7 @@ def identification(*units, fraction=0.9):
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor", "shown"),
+    ("unit", "factor", "unit_label"),
     [
         ("m", 100.0, "cm"),
         ("rad", 180.0 / np.pi, "°"),
@@ -232,11 +232,11 @@ def identification(*units, fraction=0.9):
         ("N", 1.0, "N"),
     ],
 )
-def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
-    found = identification(unit)
-    left, right = identification_plots.plot_fit(found).axes
-    output = found.outputs[0]
-    assert left.get_ylabel() == f"angular\nvelocity about\nx\n({shown})"
+def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, unit_label):
+    result = identification(unit)
+    left, right = identification_plots.plot_fit(result).axes
+    output = result.outputs[0]
+    assert left.get_ylabel() == f"angular\nvelocity about\nx\n({unit_label})"
     np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[0])
     np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[0])
     # Zero error is marked by a line.
@@ -279,19 +279,19 @@ def test_strong_correlations_are_written_in_white():
 
 def test_the_first_two_quantities_are_drawn_if_position_and_attitude_are_unknown():
     errors = dict.fromkeys(("velocity", "climb", "height"), np.full((1, 2, 8), 0.02))
-    given = Predictions(("one",), (0.1, 0.5), np.array(["a"] * 8), np.arange(8.0), errors)
-    first, second = identification_plots.plot_predictions(given).axes
+    predictions = Predictions(("one",), (0.1, 0.5), np.array(["a"] * 8), np.arange(8.0), errors)
+    first, second = identification_plots.plot_predictions(predictions).axes
     assert (first.get_ylabel(), second.get_ylabel()) == ("RMS error of velocity (m/s)", "RMS error of climb (m/s)")
     assert len(first.xaxis.get_minorticklocs()) == 0
 
 
 def test_a_drawing_that_graphviz_cannot_render_is_a_failure(monkeypatch):
-    asked = []
+    commands = []
 
     def run(command, **options):
-        asked.append((command, options["input"]))
+        commands.append((command, options["input"]))
         return SimpleNamespace(
-            returncode=len(asked) - 1, stdout='<?xml?>\n<svg width="3">\n</svg>\n\n', stderr="line 1\n"
+            returncode=len(commands) - 1, stdout='<?xml?>\n<svg width="3">\n</svg>\n\n', stderr="line 1\n"
         )
 
     monkeypatch.setattr(block_drawing.shutil, "which", lambda _: "/usr/bin/dot")
@@ -299,7 +299,7 @@ def test_a_drawing_that_graphviz_cannot_render_is_a_failure(monkeypatch):
     assert block_drawing.svg("digraph {}") == (
         f'<svg width="3">\n</svg>\n<!-- {block_drawing.digest("digraph {}")} -->\n'
     )
-    assert asked == [(["dot", "-Tsvg"], "digraph {}")]
+    assert commands == [(["dot", "-Tsvg"], "digraph {}")]
     with pytest.raises(RuntimeError, match="Graphviz's dot ended with status 1: line 1"):
         block_drawing.svg("digraph {}")
 
@@ -318,31 +318,34 @@ def middle_of(frame, color):
 
 @pytest.mark.slow
 def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
-    place, target = np.array([0.1, -0.05, 1.05]), np.array([-0.3, -0.3, 0.8])
+    position, target = np.array([0.1, -0.05, 1.05]), np.array([-0.3, -0.3, 0.8])
     attitude = np.array([0.5, -0.4, 2.0])
-    state = State(*np.array([*place, *attitude, *[0.0] * 6])[:, np.newaxis])
+    state = State(*np.array([*position, *attitude, *[0.0] * 6])[:, np.newaxis])
     (frame,) = camera.frames(state, Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis]))
 
-    def seen(point):
+    def on_image(point):
         across, up, _ = proj3d.proj_transform(*point, camera._projection)
         return camera._axes.transData.transform((across, up))
 
-    np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
+    np.testing.assert_allclose(middle_of(frame, "tab:green"), on_image(target), atol=1.5)
     # The front of the vehicle is red. With this pitch and yaw it points up and to the left.
-    ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
-    expected, drawn = (
-        seen(place + 0.1 * ahead) - seen(place),
-        middle_of(frame, "tab:red") - seen(place),
+    front_direction = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
+    expected_direction, drawn_direction = (
+        on_image(position + 0.1 * front_direction) - on_image(position),
+        middle_of(frame, "tab:red") - on_image(position),
     )
-    assert drawn @ expected / np.linalg.norm(drawn) / np.linalg.norm(expected) > 0.98
+    assert (
+        drawn_direction @ expected_direction / np.linalg.norm(drawn_direction) / np.linalg.norm(expected_direction)
+        > 0.98
+    )
     # A vehicle whose position is NaN is not drawn, but its target is.
     (empty,) = camera.frames(
         State(*np.full((12, 1), np.nan)), Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis])
     )
     assert middle_of(empty, "tab:red") is None
-    np.testing.assert_allclose(middle_of(empty, "tab:green"), seen(target), atol=1.5)
+    np.testing.assert_allclose(middle_of(empty, "tab:green"), on_image(target), atol=1.5)
     up, across = np.nonzero((frame != empty).any(axis=2))
-    np.testing.assert_allclose([across.mean(), len(frame) - up.mean()], seen(place), atol=8.0)
+    np.testing.assert_allclose([across.mean(), len(frame) - up.mean()], on_image(position), atol=8.0)
     assert np.ptp(across) > 50
 
 
@@ -353,8 +356,8 @@ def test_a_camera_sees_a_room_around_the_path(camera):
     """
     axes = camera._axes
     max_rotor_distance = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
-    for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):
-        assert np.mean(limits) == pytest.approx(middle, abs=1e-6)
+    for limits, centre in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):
+        assert np.mean(limits) == pytest.approx(centre, abs=1e-6)
         assert np.ptp(limits) == pytest.approx(6.0 * max_rotor_distance)
     assert camera._radius == pytest.approx(0.45 * max_rotor_distance)
     assert [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()] == ["X (m)", "Y (m)", "Z (m)"]

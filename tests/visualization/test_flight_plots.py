@@ -1,4 +1,4 @@
-"""Plots of a flight show its signals in the units of their labels."""
+"""Tests that plots of a flight show its signals in the units of their labels."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from drake_quad.visualization.estimate_plots import plot_flown_estimate
 from drake_quad.visualization.leg_marks import leg_legend, leg_marks, number_legs, shade_legs
 from drake_quad.visualization.overview import plot_flight
 from drake_quad.visualization.positions import coordinates_by_axis, positions
-from drake_quad.visualization.style import AXES, ROTORS, new_figure
+from drake_quad.visualization.style import AXIS_COLORS, ROTOR_COLORS, new_figure
 from drake_quad.visualization.wind_plots import plot_wind
 
 WIND_OVERRIDE = (
@@ -71,8 +71,8 @@ def test_attitude_is_shown_in_degrees_with_its_command(flight):
     rows = figure.axes
     for axes, angle in zip(rows, ("roll", "pitch", "yaw"), strict=True):
         np.testing.assert_allclose(curve(axes, "flown")[1], np.degrees(getattr(flight.record("state"), angle)))
-        wanted = np.degrees(getattr(flight.record("attitude_command"), angle))
-        np.testing.assert_allclose(curve(axes, "commanded"), [flight.time, wanted])
+        command = np.degrees(getattr(flight.record("attitude_command"), angle))
+        np.testing.assert_allclose(curve(axes, "commanded"), [flight.time, command])
         assert axes.get_ylabel() == f"{angle} (°)"
     # The axis of a yaw that hardly changes spans at least two degrees.
     low, high = rows[2].get_ylim()
@@ -86,36 +86,36 @@ def test_attitude_is_shown_in_degrees_with_its_command(flight):
 def test_a_constant_attitude_is_in_the_middle_of_its_axis():
     flight = simulate(load_scenario("hover", ["duration=0.2"]))
     for axes, angle in zip(plots.plot_attitude(flight).axes, ("roll", "pitch", "yaw"), strict=True):
-        still = np.degrees(getattr(flight.record("state"), angle))
+        angles = np.degrees(getattr(flight.record("state"), angle))
         low, high = axes.get_ylim()
         assert high - low == pytest.approx(2.0)
-        assert 0.5 * (low + high) == pytest.approx(still.mean(), abs=0.1)
+        assert 0.5 * (low + high) == pytest.approx(angles.mean(), abs=0.1)
 
 
 def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(flight):
-    *panels, whole = plots.plot_rotors(flight).axes
+    *panels, common_panel = plots.plot_rotors(flight).axes
     vehicle = flight.scenario.vehicle
     speeds = flight.record("rotor_speed")
     limits = [vehicle.min_rotor_speed, vehicle.max_rotor_speed]
-    for i, (axes, color, speed) in enumerate(zip(panels, ROTORS, speeds, strict=True), start=1):
+    for i, (axes, color, speed) in enumerate(zip(panels, ROTOR_COLORS, speeds, strict=True), start=1):
         assert axes.get_ylabel() == f"rotor {i} (rad/s)"
-        own, mean, *others = axes.lines
-        assert to_hex(own.get_color()) == color.lower()
-        np.testing.assert_allclose(own.get_data(), [flight.time, speed])
+        speed_line, mean, *other_lines = axes.lines
+        assert to_hex(speed_line.get_color()) == color.lower()
+        np.testing.assert_allclose(speed_line.get_data(), [flight.time, speed])
         np.testing.assert_allclose(mean.get_ydata(), np.mean(speeds, axis=0))
-        assert [line.get_ydata()[0] for line in others] == limits
-        np.testing.assert_allclose(curve(whole, f"rotor {i}"), [flight.time, speed])
-    assert [line.get_ydata()[0] for line in whole.lines[4:]] == limits
-    assert whole.get_ylim()[0] == 0.0
-    assert limits[1] < whole.get_ylim()[1] < 1.2 * limits[1]
-    assert [(text.get_text(), text.xy[1]) for text in whole.texts] == [
+        assert [line.get_ydata()[0] for line in other_lines] == limits
+        np.testing.assert_allclose(curve(common_panel, f"rotor {i}"), [flight.time, speed])
+    assert [line.get_ydata()[0] for line in common_panel.lines[4:]] == limits
+    assert common_panel.get_ylim()[0] == 0.0
+    assert limits[1] < common_panel.get_ylim()[1] < 1.2 * limits[1]
+    assert [(text.get_text(), text.xy[1]) for text in common_panel.texts] == [
         (f"min {limits[0]:g}", limits[0]),
         (f"max {limits[1]:g}", limits[1]),
     ]
     # The panels of the four rotors have the same vertical range. It depends on the speeds and not on the speed limits.
-    (low, high), *others = [axes.get_ylim() for axes in panels]
+    (low, high), *other_lines = [axes.get_ylim() for axes in panels]
     assert np.ptp(speeds) > 0.8 * (high - low)
-    assert others == [(low, high)] * 3
+    assert other_lines == [(low, high)] * 3
 
 
 def test_a_path_is_shown_in_space_and_from_above(flight):
@@ -125,14 +125,14 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     numbers = [text.get_text() for text in plane.texts if text.get_text().isdigit()]
     assert numbers == [str(mark.number) for mark in leg_marks(flight.plan) if np.any(mark.right)]
     state, reference = flight.record("state"), flight.record("reference")
-    flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
+    flown, drawn_reference = (np.array(line.get_data_3d()) for line in space.lines)
     np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
-    np.testing.assert_array_equal(wanted, [reference.x, reference.y, reference.z])
+    np.testing.assert_array_equal(drawn_reference, [reference.x, reference.y, reference.z])
     # The start is marked, and the pillar next to the path is in view.
     start = np.array(space.collections[0]._offsets3d)[:, 0]
     np.testing.assert_array_equal(start, flown[:, 0])
     limits = np.array([space.get_xlim(), space.get_ylim(), space.get_zlim()])
-    corners = np.column_stack([flown, wanted, [0.6, 2.7, 2.0], [0.2, 2.3, 0.0]])
+    corners = np.column_stack([flown, drawn_reference, [0.6, 2.7, 2.0], [0.2, 2.3, 0.0]])
     assert (limits[:, 0] <= corners.min(axis=1) + 1e-9).all()
     assert (limits[:, 1] >= corners.max(axis=1) - 1e-9).all()
     np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (corners.min(axis=1) + corners.max(axis=1)), atol=1e-9)
@@ -142,7 +142,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
         extents, np.maximum(np.ptp(corners, axis=1), max(0.35 * np.ptp(corners, axis=1).max(), 0.5))
     )
     np.testing.assert_array_equal(curve(plane, "flown"), flown[:2])
-    np.testing.assert_array_equal(curve(plane, "reference"), wanted[:2])
+    np.testing.assert_array_equal(curve(plane, "reference"), drawn_reference[:2])
     np.testing.assert_array_equal(curve(plane, "start")[:, 0], flown[:2, 0])
     assert len(plane.patches) == 1
     assert plane.get_aspect() == 1.0
@@ -151,14 +151,14 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
 def test_the_view_of_a_hover_is_half_a_metre_wide_and_centred():
     flight = simulate(load_scenario("hover", ["duration=0.2", "route={kind: hover, position: [3, -4, 1]}"]))
     space, plane = plots.plot_path(flight).axes
-    middle = [state[0] for state in flight.record("state")[:3]]
-    for limits, place in zip((space.get_xlim(), space.get_ylim(), space.get_zlim()), middle, strict=True):
+    centre = [state[0] for state in flight.record("state")[:3]]
+    for limits, coordinate in zip((space.get_xlim(), space.get_ylim(), space.get_zlim()), centre, strict=True):
         assert np.ptp(limits) == pytest.approx(0.5, abs=0.01)
-        assert np.mean(limits) == pytest.approx(place, abs=0.02)
+        assert np.mean(limits) == pytest.approx(coordinate, abs=0.02)
     plane.figure.draw_without_rendering()
-    for limits, place in zip((plane.get_xlim(), plane.get_ylim()), middle, strict=False):
+    for limits, coordinate in zip((plane.get_xlim(), plane.get_ylim()), centre, strict=False):
         assert 0.5 <= np.ptp(limits) < 2.0
-        assert np.mean(limits) == pytest.approx(place, abs=0.02)
+        assert np.mean(limits) == pytest.approx(coordinate, abs=0.02)
 
 
 def test_a_crash_is_marked_at_its_position(crash):
@@ -166,9 +166,9 @@ def test_a_crash_is_marked_at_its_position(crash):
     _, plane = plots.plot_path(crash).axes
     state = crash.record("state")
     np.testing.assert_array_equal(curve(plane, crash.crash)[:, 0], [state.x[-1], state.y[-1]])
-    _, alone = plots.plot_path(simulate(load_scenario("hover", ["duration=0.1"]))).axes
-    assert [line.get_label() for line in alone.lines][:3] == ["flown", "reference", "start"]
-    assert len(alone.lines) == 3
+    _, axes_without_crash = plots.plot_path(simulate(load_scenario("hover", ["duration=0.1"]))).axes
+    assert [line.get_label() for line in axes_without_crash.lines][:3] == ["flown", "reference", "start"]
+    assert len(axes_without_crash.lines) == 3
 
 
 def test_the_overview_of_a_flight_has_four_panels(flight, crash):
@@ -192,8 +192,8 @@ def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, estimated, monk
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     always = ["path", "errors", "attitude", "rotors"]
     assert plots.save_plots(flight, ".") == [*always, "wind"]
-    still = simulate(load_scenario("hover", ["duration=0.1"]))
-    assert plots.save_plots(still, ".") == always
+    flight_without_wind = simulate(load_scenario("hover", ["duration=0.1"]))
+    assert plots.save_plots(flight_without_wind, ".") == always
     assert plots.save_plots(estimated, ".") == [*always, "estimate"]
     learned = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", "laboratory.wind=[]"]))
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
@@ -209,8 +209,8 @@ def test_errors_of_an_estimate_are_shown_with_two_standard_deviations_and_innova
     band = position.collections[0].get_paths()[0].vertices[:, 1].max()
     deviation = np.linalg.norm(estimated["estimate_deviation"][:, :3], axis=1)
     assert band == pytest.approx(200.0 * deviation.max())
-    shown = np.array([line.get_ydata() for line in innovations.lines])
-    np.testing.assert_array_equal(shown, estimated["innovation"].T)
+    drawn_innovations = np.array([line.get_ydata() for line in innovations.lines])
+    np.testing.assert_array_equal(drawn_innovations, estimated["innovation"].T)
 
 
 def test_positions_of_a_vehicle_are_read_from_its_state(flight):
@@ -230,9 +230,9 @@ def test_a_leg_is_marked_to_the_right_of_its_middle(plan):
     ends = [*plan.leg_times, plan.path.times[-1]]
     assert [mark.number for mark in marks] == list(range(1, len(ends)))
     for mark, start, end in zip(marks, ends[:-1], ends[1:], strict=True):
-        middle = 0.5 * (start + end)
-        np.testing.assert_allclose(mark.middle, plan.derivative(0).value(middle)[:, 0])
-        v_x, v_y, _ = plan.derivative(1).value(middle)[:, 0]
+        middle_time = 0.5 * (start + end)
+        np.testing.assert_allclose(mark.middle, plan.derivative(0).value(middle_time)[:, 0])
+        v_x, v_y, _ = plan.derivative(1).value(middle_time)[:, 0]
         if np.any(mark.right):
             # The direction to the mark is a unit vector to the right of the direction of flight.
             assert mark.right @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
@@ -255,9 +255,10 @@ def test_leg_numbers_are_next_to_the_path_and_along_the_time_axis(plan):
     ends = np.array([*plan.leg_times, plan.path.times[-1]])
     last = 0.5 * (ends[2] + ends[3])
     shade_legs(time, plan, last)
-    shown = np.minimum(ends[:4], last)
+    shown_times = np.minimum(ends[:4], last)
     np.testing.assert_allclose(
-        [text.xy for text in time.texts], [[place, 1.0] for place in 0.5 * (shown[1:] + shown[:-1])]
+        [text.xy for text in time.texts],
+        [[time_of_number, 1.0] for time_of_number in 0.5 * (shown_times[1:] + shown_times[:-1])],
     )
     assert [text.get_text() for text in time.texts] == ["1", "2", "3"]
     assert all(text.get_position() == (0.0, 4.0) for text in time.texts)
@@ -282,13 +283,13 @@ def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
     figure = plot_wind(windy)
     assert legends(figure) == ["reference", "flown", "X", "Y", "Z"]
     series = figure.axes[2]
-    for axis, color in AXES.items():
+    for axis, color in AXIS_COLORS.items():
         np.testing.assert_array_equal(curve(series, axis.upper()), [windy.time, getattr(windy.record("wind"), axis)])
         (line,) = [line for line in series.lines if line.get_label() == axis.upper()]
         assert to_hex(line.get_color()) == color.lower()
 
 
-def middles(mesh):
+def cell_centres(mesh):
     """Return the horizontal and vertical coordinates of the centres of a mesh's cells, (rows, columns) each, m."""
     return np.moveaxis(0.5 * (mesh.get_coordinates()[:-1, :-1] + mesh.get_coordinates()[1:, 1:]), -1, 0)
 
@@ -296,10 +297,10 @@ def middles(mesh):
 def mean_speed(flight, x, y, z):
     """Return the speed of the steady wind and the fans at given positions, m/s."""
     rows = np.broadcast_arrays(x, y, z)
-    still = np.zeros_like(rows[0])
-    velocity = [still + part for part in (0.3, -0.2, 0.1)]
+    zeros = np.zeros_like(rows[0])
+    velocity = [zeros + part for part in (0.3, -0.2, 0.1)]
     for jet in jets(flight.scenario.laboratory.wind):
-        speed, _ = jet_speed(State(*rows, *[still] * 9), jet)
+        speed, _ = jet_speed(State(*rows, *[zeros] * 9), jet)
         velocity = [each + speed * part for each, part in zip(velocity, jet.direction, strict=True)]
     return np.linalg.norm(velocity, axis=0)
 
@@ -319,7 +320,7 @@ def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     tops = [float(axes.collections[0].get_array().max()) for axes in (above, side)]
     for axes, across, up in ((above, "x", "y"), (side, long, "z")):
         mesh = axes.collections[0]
-        position = {"x": -2.0, "y": 0.3, "z": 1.1} | {across: middles(mesh)[0], up: middles(mesh)[1]}
+        position = {"x": -2.0, "y": 0.3, "z": 1.1} | {across: cell_centres(mesh)[0], up: cell_centres(mesh)[1]}
         np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **position), atol=1e-9)
         assert (mesh.norm.vmin, mesh.norm.vmax) == (0.0, max(tops))
         np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, across), getattr(reference, up)])
@@ -352,10 +353,10 @@ def test_arrows_have_the_direction_of_the_wind(windy):
     arrows, mesh = above.collections[1], above.collections[0]
     speeds = np.hypot(arrows.U, arrows.V)
     spacing = np.diff(np.unique(arrows.X)).min()
-    whole = np.hypot(speeds, 0.1)
-    np.testing.assert_allclose(whole, mean_speed(windy, x=arrows.X, y=arrows.Y, z=1.1))
+    wind_speeds = np.hypot(speeds, 0.1)
+    np.testing.assert_allclose(wind_speeds, mean_speed(windy, x=arrows.X, y=arrows.Y, z=1.1))
     # There are no arrows where the wind is negligible. The other arrows are evenly spaced.
-    assert whole.min() > 0.03 * mesh.get_array().max()
+    assert wind_speeds.min() > 0.03 * mesh.get_array().max()
     assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
     assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)
     # Far from the fan, there is only the steady wind.
@@ -400,11 +401,14 @@ def test_views_from_above_have_x_to_the_right_and_y_up(flight):
 
 
 def test_a_flight_in_still_air_has_no_wind_map(flight):
-    still = simulate(load_scenario("hover", ["duration=0.1"]))
-    (axes,) = plot_wind(still).axes
+    flight_without_wind = simulate(load_scenario("hover", ["duration=0.1"]))
+    (axes,) = plot_wind(flight_without_wind).axes
     assert axes.get_ylim() == (-1.0, 1.0)
     np.testing.assert_array_equal(curve(axes, "X")[1], 0.0)
     # A wind with only negative components counts as wind.
-    blown = replace(still, signals={**still.signals, "wind": np.full_like(still["wind"], -3.0)})
-    (axes,) = plot_wind(blown).axes
+    flight_with_wind = replace(
+        flight_without_wind,
+        signals={**flight_without_wind.signals, "wind": np.full_like(flight_without_wind["wind"], -3.0)},
+    )
+    (axes,) = plot_wind(flight_with_wind).axes
     assert axes.get_ylim()[0] < -3.0

@@ -1,4 +1,4 @@
-"""Plots of an identification show its forecasts, residuals, thrust curve, correlations and prediction errors."""
+"""Tests of plots of an identification: forecasts, residuals, thrust curve, correlations and prediction errors."""
 
 from dataclasses import replace
 
@@ -78,8 +78,8 @@ def test_the_thrust_has_a_confidence_band_from_its_covariance(identification):
     band = axes.collections[0].get_paths()[0].vertices
     top = band[np.isclose(band[:, 0], 1.0)][:, 1].max()
     bottom = band[np.isclose(band[:, 0], 1.0)][:, 1].min()
-    max_rotor_distance = 2.086 * np.sqrt(0.05**2 + 0.2**2 + 0.2**2)
-    assert (bottom, top) == pytest.approx((16.5 - max_rotor_distance, 16.5 + max_rotor_distance), abs=0.01)
+    half_width = 2.086 * np.sqrt(0.05**2 + 0.2**2 + 0.2**2)
+    assert (bottom, top) == pytest.approx((16.5 - half_width, 16.5 + half_width), abs=0.01)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["95 %", "identified", "hover", "flown"]
     without = Identification(
         identification.estimates.subset(["inertia[0]"]), identification.vehicle, identification.outputs
@@ -119,13 +119,13 @@ def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
 def test_predictions_are_drawn_in_display_units():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     errors[:, 1, 5:] = np.nan
-    given = Predictions(("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"position": errors})
-    figure = plots.plot_predictions(given)
+    predictions = Predictions(("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"position": errors})
+    figure = plots.plot_predictions(predictions)
     (axes,) = figure.axes
     assert axes.get_ylabel() == "RMS error of position (cm)"
-    drawn = [container.lines[0].get_ydata() for container in axes.containers]
+    drawn_errors = [container.lines[0].get_ydata() for container in axes.containers]
     expected = 100.0 * np.sqrt(np.nanmean(errors**2, axis=2))
-    np.testing.assert_allclose(drawn, expected)
+    np.testing.assert_allclose(drawn_errors, expected)
 
 
 def test_the_first_ten_windows_are_drawn(identification):
@@ -196,8 +196,8 @@ def test_residuals_of_short_windows_are_visible(identification):
 def test_the_curves_of_many_outputs_differ_in_colour_or_style(identification):
     outputs = tuple(identification.outputs[0]._replace(name=str(i)) for i in range(14))
     left, _ = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, outputs)).axes
-    looks = [(line.get_color(), line.get_linestyle()) for line in left.lines]
-    assert len(set(looks)) == 14
+    styles = [(line.get_color(), line.get_linestyle()) for line in left.lines]
+    assert len(set(styles)) == 14
 
 
 def test_the_plot_of_thrust_shows_hover_and_the_flown_range(identification):
@@ -232,26 +232,26 @@ def test_each_correlation_is_shaded_in_its_cell(identification):
 
 def test_prediction_errors_have_intervals_and_are_side_by_side():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
-    given = Predictions(
+    predictions = Predictions(
         ("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"attitude": errors, "velocity": errors}
     )
-    figure = plots.plot_predictions(given, ("attitude", "velocity"))
+    figure = plots.plot_predictions(predictions, ("attitude", "velocity"))
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "other"]
     first, second = figure.axes
     assert [label.get_text() for label in first.get_xticklabels()] == ["0.1", "0.5"]
     assert (first.get_xscale(), first.get_yscale()) == ("log", "log")
     for axes, quantity, factor in ((first, "attitude", np.degrees(1.0)), (second, "velocity", 1.0)):
         for i, (vehicle, container) in enumerate(zip(("one", "other"), axes.containers, strict=True)):
-            found = [given.rmse(quantity, vehicle, horizon) for horizon in (0.1, 0.5)]
+            result = [predictions.rmse(quantity, vehicle, horizon) for horizon in (0.1, 0.5)]
             x, y = container.lines[0].get_xydata().T
             np.testing.assert_allclose(x, np.array([0.1, 0.5]) * (1.0 + 0.03 * (i - 0.5)))
-            np.testing.assert_allclose(y, [factor * each.value for each in found])
-            for each, segment in zip(found, container.lines[2][0].get_segments(), strict=True):
+            np.testing.assert_allclose(y, [factor * each.value for each in result])
+            for each, segment in zip(result, container.lines[2][0].get_segments(), strict=True):
                 np.testing.assert_allclose(segment[:, 1], [factor * each.low, factor * each.high])
     assert first.get_ylabel() == "RMS error of attitude (°)"
     assert second.get_ylabel() == "RMS error of velocity (m/s)"
     # If position and attitude are missing, the first two remaining quantities are drawn.
-    (only,) = plots.plot_predictions(replace(given, errors={"velocity": errors})).axes
+    (only,) = plots.plot_predictions(replace(predictions, errors={"velocity": errors})).axes
     assert only.get_ylabel() == "RMS error of velocity (m/s)"
 
 
@@ -272,25 +272,25 @@ def test_a_log_is_drawn_over_the_band_of_its_predictions(compared):
     assert named == ["reference", "95 % of the predictions", "predicted", "flown"]
     grid = np.array(figure.axes).reshape(3, 2)
     assert [axes.get_xlabel() for axes in grid[:, 0]] == ["", "", "time of the log (s)"]
-    for i, (place, error) in enumerate(grid):
-        reference, middle, flown = (line.get_xydata().T for line in place.lines)
+    for i, (position_axes, error_axes) in enumerate(grid):
+        reference, predicted, flown = (line.get_xydata().T for line in position_axes.lines)
         # Lines are broken where the log has a gap.
         assert np.flatnonzero(np.isnan(flown[0])).tolist() == [40]
-        kept = np.arange(81) != 40
-        np.testing.assert_array_equal(reference[:, kept], [compared.time, compared.target[:, i]])
-        np.testing.assert_allclose(flown[1][kept], compared.target[:, i] - compared.logged_error[:, i])
+        is_logged = np.arange(81) != 40
+        np.testing.assert_array_equal(reference[:, is_logged], [compared.time, compared.target[:, i]])
+        np.testing.assert_allclose(flown[1][is_logged], compared.target[:, i] - compared.logged_error[:, i])
         median = np.nanmedian(compared.predicted[:, :, i], axis=0)
-        np.testing.assert_allclose(middle[1][kept], compared.target[:, i] - median)
-        np.testing.assert_allclose(error.lines[0].get_ydata()[kept], 100.0 * median)
-        np.testing.assert_allclose(error.lines[1].get_ydata()[kept], 100.0 * compared.logged_error[:, i])
+        np.testing.assert_allclose(predicted[1][is_logged], compared.target[:, i] - median)
+        np.testing.assert_allclose(error_axes.lines[0].get_ydata()[is_logged], 100.0 * median)
+        np.testing.assert_allclose(error_axes.lines[1].get_ydata()[is_logged], 100.0 * compared.logged_error[:, i])
         low, high = np.nanquantile(compared.predicted[:, :, i], (0.025, 0.975), axis=0)
-        edges = np.vstack([path.vertices for path in error.collections[0].get_paths()])
+        edges = np.vstack([path.vertices for path in error_axes.collections[0].get_paths()])
         for tick in (0, 17, 60):
             heights = np.unique(edges[np.isclose(edges[:, 0], compared.time[tick]), 1])
             np.testing.assert_allclose(heights[[0, -1]], [100.0 * low[tick], 100.0 * high[tick]])
-        edges = np.vstack([path.vertices for path in place.collections[0].get_paths()])
+        edges = np.vstack([path.vertices for path in position_axes.collections[0].get_paths()])
         heights = np.unique(edges[np.isclose(edges[:, 0], compared.time[17]), 1])
         np.testing.assert_allclose(heights[[0, -1]], compared.target[17, i] - [high[17], low[17]])
-        assert (place.get_ylabel(), error.get_ylabel()) == (f"{'xyz'[i]} (m)", f"error on {'XYZ'[i]} (cm)")
+        assert (position_axes.get_ylabel(), error_axes.get_ylabel()) == (f"{'xyz'[i]} (m)", f"error on {'XYZ'[i]} (cm)")
     crashed = replace(compared, predicted=np.full((2, 80, 3), np.nan))
     assert np.isnan(plot_log_comparison(crashed).axes[1].lines[0].get_ydata()).all()

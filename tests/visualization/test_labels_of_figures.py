@@ -1,4 +1,4 @@
-"""Every axis of a figure has a label with a unit, and every legend identifies the curves."""
+"""Tests that every axis of a figure has a label with a unit, and that every legend identifies the curves."""
 
 import pytest
 from figure_content import legends
@@ -15,7 +15,7 @@ from drake_quad.visualization.wind_plots import plot_wind
 
 ROTOR_LABELS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
 LEG_LABELS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
-SET_LABELS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
+SET_LABELS = [f"{name} at {centre}" for name in ("error", "rate") for centre in ("−1", "0", "+1")]
 # For each figure of a flight: the function that draws it, the labels (x, y) of its axes, and its legend entries.
 FLIGHT_FIGURES = {
     "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEG_LABELS]),

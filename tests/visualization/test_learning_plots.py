@@ -1,4 +1,4 @@
-"""Plots of a network show its commands, its weights and its correction of the command."""
+"""Tests that plots of a network show its commands, its weights and its correction of the command."""
 
 import itertools
 
@@ -38,8 +38,8 @@ def test_memberships_match_the_formula():
 def test_the_exponents_of_the_network_have_a_panel(flight):
     sets = flight.scenario.control.network.antecedents()
     titles = [axes.get_title() for axes in plots.plot_network_memberships(flight).axes]
-    own = f"a1 = {sets.a1:g}, a2 = {sets.a2:g}"
-    assert own in titles
+    label_of_network = f"a1 = {sets.a1:g}, a2 = {sets.a2:g}"
+    assert label_of_network in titles
     assert len(titles) == len(set(titles)) == (4 if (sets.a1, sets.a2) in plots.PAPER_EXPONENTS else 5)
     assert titles[0] == "a1 = 1, a2 = 1"
 
@@ -53,9 +53,9 @@ def test_learning_is_shown_for_each_axis(flight):
     for column, axis in enumerate(names):
         commanded, learned = rows[0, column], rows[1, column]
         assert commanded.get_title(loc="left") == f"on {axis.upper()}"
-        pd, own = commanded.lines
+        pd, correction = commanded.lines
         np.testing.assert_array_equal(pd.get_xydata().T, [flight.time, getattr(flight.record("pd"), axis)])
-        np.testing.assert_array_equal(own.get_ydata(), -getattr(flight.record("correction"), axis))
+        np.testing.assert_array_equal(correction.get_ydata(), -getattr(flight.record("correction"), axis))
         assert len(learned.lines) == weights.shape[2] == 9
         for line in learned.lines:
             (rule,) = [i for i in range(9) if np.array_equal(weights[:, column, i], line.get_ydata())]
@@ -107,30 +107,30 @@ def test_surfaces_show_the_correction_before_and_after_the_flight(flight):
         for axes, tick, when in zip(row, (0, -1), ("before", "after"), strict=True):
             mesh = axes.collections[0]
             corners = mesh.get_coordinates()
-            middles = 0.5 * (corners[:-1, :-1] + corners[1:, 1:])
-            error, rate = middles[..., 0], middles[..., 1]
+            cell_centres = 0.5 * (corners[:-1, :-1] + corners[1:, 1:])
+            error, rate = cell_centres[..., 0], cell_centres[..., 1]
             assert error.min() == pytest.approx(-1.05 / sets.inputs[0].scale)
             assert rate.max() == pytest.approx(1.05 / sets.inputs[1].scale)
             inside = (np.abs(error * sets.inputs[0].scale) < 0.95) & (np.abs(rate * sets.inputs[1].scale) < 0.95)
             expected = -network_output(sets, weights[tick, names.index(axis)], error, rate)
-            shown = np.asarray(mesh.get_array()).reshape(error.shape)
-            np.testing.assert_allclose(shown[inside], expected[inside], atol=1e-6 + 1e-3 * top)
+            drawn_values = np.asarray(mesh.get_array()).reshape(error.shape)
+            np.testing.assert_allclose(drawn_values[inside], expected[inside], atol=1e-6 + 1e-3 * top)
             assert (mesh.norm.vmin, mesh.norm.vmax) == pytest.approx((-max(top, 1e-9), max(top, 1e-9)))
             assert axes.get_title() == f"on {axis.upper()}, {when} the flight"
-            met = axes.lines[0].get_xydata().T
-            np.testing.assert_array_equal(met[0], getattr(flight.record("error"), axis))
-            np.testing.assert_array_equal(met[1], getattr(flight.record("error_rate"), axis))
+            flown_inputs = axes.lines[0].get_xydata().T
+            np.testing.assert_array_equal(flown_inputs[0], getattr(flight.record("error"), axis))
+            np.testing.assert_array_equal(flown_inputs[1], getattr(flight.record("error_rate"), axis))
 
 
 def test_a_secant_gain_is_the_change_of_the_output_divided_by_the_error(flight):
     sets: Antecedents = flight.scenario.control.network.antecedents()
     weights = np.random.default_rng(2).normal(size=9)
     errors = (0.002, 0.03)
-    own, triangles = plots.secant_gains(sets, weights, errors)
-    for found, each in ((own, sets), (triangles, sets._replace(a1=1.0, a2=1.0))):
+    own_gains, triangular_gains = plots.secant_gains(sets, weights, errors)
+    for result, each in ((own_gains, sets), (triangular_gains, sets._replace(a1=1.0, a2=1.0))):
         at_rest = network_output(each, weights, np.zeros(1), np.zeros(1))
         expected = [(network_output(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
-        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        np.testing.assert_allclose(result, expected, rtol=1e-6)
     figure = plots.plot_secant_gains(flight)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "network of the flight",
@@ -139,8 +139,8 @@ def test_a_secant_gain_is_the_change_of_the_output_divided_by_the_error(flight):
     axes = figure.axes[0]
     learned = flight["weights"][-1, :9]
     curve, counterpart = axes.lines[:2]
-    max_rotor_distance = 1.0 / sets.inputs[0].scale
-    assert (curve.get_xdata()[0], curve.get_xdata()[-1]) == pytest.approx((5e-4, max_rotor_distance))
+    max_error = 1.0 / sets.inputs[0].scale
+    assert (curve.get_xdata()[0], curve.get_xdata()[-1]) == pytest.approx((5e-4, max_error))
     expected = [-each for each in plots.secant_gains(sets, learned, tuple(curve.get_xdata()))]
     np.testing.assert_allclose([curve.get_ydata(), counterpart.get_ydata()], expected)
     marks = [line.get_xydata()[0] for line in axes.lines[2:]]

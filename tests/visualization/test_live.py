@@ -1,4 +1,4 @@
-"""Sliders and buttons of a live flight change the simulation, which otherwise equals that of `simulate`."""
+"""Tests of live flights: sliders and buttons change the simulation, which otherwise equals that of `simulate`."""
 
 from collections import Counter
 
@@ -36,9 +36,9 @@ class Page:
 
 @pytest.fixture
 def page(monkeypatch):
-    found = Page()
+    result = Page()
     monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", NullVisualizer)
-    return found
+    return result
 
 
 class NullVisualizer:
@@ -51,7 +51,7 @@ class NullVisualizer:
         simulator.clear_monitor()
 
 
-def flown(flight, seconds):
+def fly_for(flight, seconds):
     """Continue the flight for some seconds, and return the state after the update at the last time."""
     for _ in flight.fly(seconds):
         pass
@@ -61,7 +61,7 @@ def flown(flight, seconds):
 
 def test_an_untouched_live_flight_equals_the_simulated_flight(page):
     scenario = load_scenario("laboratory:low_wind")
-    state = flown(LiveFlight(scenario, page, rate=0), 2.0)
+    state = fly_for(LiveFlight(scenario, page, rate=0), 2.0)
     same = simulate(scenario, until=2.0)
     np.testing.assert_allclose(state, same.signals["state"][-1], atol=1e-9)
 
@@ -70,40 +70,40 @@ def test_the_sliders_set_mass_and_gains(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     page.SetSliderValue("mass (kg)", 0.8)
     page.SetSliderValue("k_p (factor)", 2.0)
-    flown(flight, 0.5)
-    given = load_scenario("laboratory:nominal")
+    fly_for(flight, 0.5)
+    original = load_scenario("laboratory:nominal")
     assert flight.scenario.vehicle.mass == 0.8
-    assert flight.scenario.nominal == given.nominal
-    np.testing.assert_allclose(flight.scenario.control.position.k_p, 2.0 * np.array(given.control.position.k_p))
-    assert flight.scenario.control.position.k_d == given.control.position.k_d
+    assert flight.scenario.nominal == original.nominal
+    np.testing.assert_allclose(flight.scenario.control.position.k_p, 2.0 * np.array(original.control.position.k_p))
+    assert flight.scenario.control.position.k_d == original.control.position.k_d
     # A restart keeps the changed parameters, so it equals the flight of a scenario with these parameters.
     page.clicks["start again"] += 1
-    state = flown(flight, 1.0)
-    written = load_scenario("laboratory:nominal", ["vehicle.mass=0.8", *(
-        f"control.position.k_p.{i}={2.0 * given.control.position.k_p[i]}" for i in range(3)
+    state = fly_for(flight, 1.0)
+    changed = load_scenario("laboratory:nominal", ["vehicle.mass=0.8", *(
+        f"control.position.k_p.{i}={2.0 * original.control.position.k_p[i]}" for i in range(3)
     )])  # fmt: skip
-    np.testing.assert_allclose(state, simulate(written, until=1.0).signals["state"][-1], atol=1e-9)
+    np.testing.assert_allclose(state, simulate(changed, until=1.0).signals["state"][-1], atol=1e-9)
 
 
 def test_changed_parameters_do_not_make_the_state_jump(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
-    before = flown(flight, 1.0)
+    state_before = fly_for(flight, 1.0)
     page.SetSliderValue("mass (kg)", 0.9)
-    after = flown(flight, 1.0 / 32.0)
-    np.testing.assert_allclose(after[:3], before[:3], atol=0.05)
-    assert after.v_z < before.v_z
+    state_after = fly_for(flight, 1.0 / 32.0)
+    np.testing.assert_allclose(state_after[:3], state_before[:3], atol=0.05)
+    assert state_after.v_z < state_before.v_z
 
 
 def test_wind_and_gust_push_the_vehicle_along_x(page):
-    still = flown(LiveFlight(load_scenario("laboratory:nominal"), page, rate=0), 2.0)
+    state_without_wind = fly_for(LiveFlight(load_scenario("laboratory:nominal"), page, rate=0), 2.0)
     for label in page.GetSliderNames():
         page.DeleteSlider(label)
     for name in page.GetButtonNames():
         page.DeleteButton(name)
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     page.SetSliderValue("wind X (m/s)", 5.0)
-    windy = flown(flight, 2.0)
-    assert windy.x > still.x + 0.05
+    windy = fly_for(flight, 2.0)
+    assert windy.x > state_without_wind.x + 0.05
     page.SetSliderValue("wind X (m/s)", 0.0)
     page.clicks["gust"] += 1
     wind = []
@@ -115,12 +115,12 @@ def test_wind_and_gust_push_the_vehicle_along_x(page):
 
 def test_a_restart_repairs_a_failed_motor(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
-    flown(flight, 0.5)
+    fly_for(flight, 0.5)
     page.clicks["motor fails"] += 1
-    flown(flight, 4.0)
+    fly_for(flight, 4.0)
     assert flight.crashed
     page.clicks["start again"] += 1
-    flown(flight, 0.5)
+    fly_for(flight, 0.5)
     assert not flight.crashed
     assert flight.time == pytest.approx(0.5)
 
@@ -150,27 +150,27 @@ def test_a_live_flight_restarts_at_its_end_and_stops_at_a_click(page):
 def test_every_scenario_can_be_flown_live(page, scenario, layers):
     loaded = load_scenario(scenario, layers=layers)
     flight = LiveFlight(loaded, page, rate=0)
-    flown(flight, 0.5)
+    fly_for(flight, 0.5)
     assert flight.time == pytest.approx(0.5)
     assert ("motor fails" in page.GetButtonNames()) == (not loaded.laboratory.autopilot.models_vehicle)
 
 
 def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, capsys):
-    seen = []
+    calls = []
 
     class Flight:
         def __init__(self, scenario, meshcat, *, sample, rate):
-            seen.append((scenario.name, meshcat, sample, rate))
+            calls.append((scenario.name, meshcat, sample, rate))
 
         def fly(self, duration):
-            seen.append(duration)
+            calls.append(duration)
             yield 0.1
             raise KeyboardInterrupt
 
     monkeypatch.setattr("drake_quad.visualization.live.LiveFlight", Flight)
     monkeypatch.setattr(live, "start_meshcat", lambda: "meshcat")
     live.main(live.options().parse_args(["hover", "--time", "3", "--rate", "2"]))
-    assert seen == [("hover", "meshcat", 0, 2.0), 3.0]
+    assert calls == [("hover", "meshcat", 0, 2.0), 3.0]
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1] == "the flight has ended"
     assert printed.err.startswith(

@@ -1,4 +1,4 @@
-"""Short names of fields and parameters use the usual symbols."""
+"""Tests that short names of fields and parameters use the usual symbols."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Only a few waypoints are numbered, cameras have a uniform scale, and vehicles have suitable parts and colours."""
+"""Tests of waypoint numbers, camera scales, and the parts and colours of drawn vehicles."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ from drake_quad.visualization.style import BLACK, VERMILION, new_figure
 
 @pytest.mark.parametrize(("count", "numbered"), [(30, True), (31, False)])
 def test_more_than_thirty_waypoints_have_no_numbers(count, numbered):
-    way = np.stack([np.arange(count), np.zeros(count), np.ones(count)])
+    waypoints = np.stack([np.arange(count), np.zeros(count), np.ones(count)])
     for view in ((0, 1), (0, 2)):
         axes = new_figure(2.0, 2.0).subplots()
-        plan_plots._draw_view(axes, view, way.T, way, (), ())
+        plan_plots._draw_view(axes, view, waypoints.T, waypoints, (), ())
         # Only the view from above shows the numbers of the waypoints.
-        shown = range(count) if numbered and view == (0, 1) else ()
-        assert [label.get_text() for label in axes.texts] == [str(i) for i in shown]
+        shown_numbers = range(count) if numbered and view == (0, 1) else ()
+        assert [label.get_text() for label in axes.texts] == [str(i) for i in shown_numbers]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Overview figures show the signals of their flights and the statistics of their studies."""
+"""Tests that overview figures show the signals of their flights and the statistics of their studies."""
 
 import io
 
@@ -29,9 +29,9 @@ def test_the_overview_of_studies_shows_their_statistics():
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1"])
     studies = {name: run_monte_carlo(scenario, 5, seed, num_workers=1) for name, seed in (("a", 0), ("b", 1))}
     figure, axes = plot_study(studies)
-    shown = [container.lines[0].get_data() for container in axes["mean"].containers]
+    drawn_means = [container.lines[0].get_data() for container in axes["mean"].containers]
     assert [label.get_text() for label in axes["mean"].get_yticklabels()] == ["a", "b"]
-    assert shown[0][0] == pytest.approx([study.metrics.rmse.mean() for study in studies.values()])
+    assert drawn_means[0][0] == pytest.approx([study.metrics.rmse.mean() for study in studies.values()])
     figure.canvas.draw()
     assert set(plot_study(studies["a"])[1]) == {"distribution", "mean", "crashes"}
 

@@ -1,4 +1,4 @@
-"""Panels of a figure share their axes and fill the figure, and overlapping curves are dashed."""
+"""Tests that panels of a figure share their axes and fill the figure, and that overlapping curves are dashed."""
 
 import numpy as np
 import pytest
@@ -35,37 +35,37 @@ def learned():
     return simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.5"]))
 
 
-def shared(figure, rows, columns, *, x, y):
+def check_shared_axes(figure, rows, columns, *, x, y):
     """Check which panels of a grid share the axes x and y: all ("all"), those of a row or column, or none ("")."""
     grid = np.array(figure.axes[: rows * columns]).reshape(rows, columns)
     for i, j in np.ndindex(rows, columns):
         for k, m in np.ndindex(rows, columns):
             if (i, j) < (k, m):
-                one, other = grid[i, j], grid[k, m]
-                alike = {"": False, "all": True, "col": j == m, "row": i == k}
-                assert one.get_shared_x_axes().joined(one, other) == alike[x]
-                assert one.get_shared_y_axes().joined(one, other) == alike[y]
+                first, second = grid[i, j], grid[k, m]
+                is_shared = {"": False, "all": True, "col": j == m, "row": i == k}
+                assert first.get_shared_x_axes().joined(first, second) == is_shared[x]
+                assert first.get_shared_y_axes().joined(first, second) == is_shared[y]
 
 
 @pytest.mark.slow
 def test_panels_of_flights_and_networks_share_their_axes(hover, learned):
-    shared(plots.plot_errors(hover), 2, 1, x="all", y="")
-    shared(plots.plot_attitude(hover), 3, 1, x="all", y="")
-    shared(learning_plots.plot_memberships(), 1, 4, x="", y="all")
-    shared(learning_plots.plot_learning(learned), 3, 2, x="all", y="row")
-    shared(learning_plots.plot_surfaces(learned), 2, 2, x="all", y="all")
-    shared(learning_plots.plot_secant_gains(learned), 1, 2, x="", y="all")
+    check_shared_axes(plots.plot_errors(hover), 2, 1, x="all", y="")
+    check_shared_axes(plots.plot_attitude(hover), 3, 1, x="all", y="")
+    check_shared_axes(learning_plots.plot_memberships(), 1, 4, x="", y="all")
+    check_shared_axes(learning_plots.plot_learning(learned), 3, 2, x="all", y="row")
+    check_shared_axes(learning_plots.plot_surfaces(learned), 2, 2, x="all", y="all")
+    check_shared_axes(learning_plots.plot_secant_gains(learned), 1, 2, x="", y="all")
 
 
 @pytest.mark.long
 def test_panels_of_designs_and_logs_share_their_axes(design, panels, compared):  # noqa: F811
-    shared(design_plots.plot_bode(design), 2, 2, x="col", y="row")
-    found, first, second, *_ = panels
-    shared(drawn_map(found, first, second), 1, 2, x="", y="all")
-    shared(plot_log_comparison(compared), 3, 2, x="all", y="")
-    shared(identification_plots.plot_fit(identification("m", "rad")), 2, 2, x="all", y="")
+    check_shared_axes(design_plots.plot_bode(design), 2, 2, x="col", y="row")
+    result, first, second, *_ = panels
+    check_shared_axes(drawn_map(result, first, second), 1, 2, x="", y="all")
+    check_shared_axes(plot_log_comparison(compared), 3, 2, x="all", y="")
+    check_shared_axes(identification_plots.plot_fit(identification("m", "rad")), 2, 2, x="all", y="")
     flights = {"calm": {"a": study().metrics}, "gale": {"a": study().metrics}}
-    shared(plot_comparison(flights), 1, 2, x="all", y="all")
+    check_shared_axes(plot_comparison(flights), 1, 2, x="all", y="all")
 
 
 def test_a_network_on_one_axis_has_one_column():
@@ -101,10 +101,10 @@ def test_leg_numbers_are_in_the_middle_of_the_flown_part():
     flight = simulate(load_scenario("figure_eight", ["duration=4"]))
     last = flight.time[-1]
     ends = [*(time for time in flight.plan.leg_times if time < last), last]
-    middles = 0.5 * (np.array(ends[1:]) + ends[:-1])
+    middle_times = 0.5 * (np.array(ends[1:]) + ends[:-1])
     for axes in plots.plot_errors(flight).axes:
-        drawn = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
-        np.testing.assert_allclose(drawn, middles, atol=1e-9)
+        number_times = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
+        np.testing.assert_allclose(number_times, middle_times, atol=1e-9)
         (second,) = axes.patches
         assert (second.get_x(), second.get_x() + second.get_width()) == pytest.approx(ends[1:3])
 
@@ -139,21 +139,23 @@ def test_the_plot_of_a_plan_fills_its_figure_and_shows_the_clearance_of_obstacle
 
 @pytest.mark.long
 def test_a_star_marks_the_gains_of_the_scenario_if_they_are_on_the_map(panels):  # noqa: F811
-    found, first, second, *_ = panels
+    result, first, second, *_ = panels
     k_p, k_d = (first[0], first[-1]), (second[0], second[-1])
     inside = [(a, b) for a in k_p for b in k_d]
     beyond = [(k_p[0] - 0.1, 2.0), (k_p[1] + 0.1, 2.0), (3.0, k_d[0] - 0.1), (3.0, k_d[1] + 0.1)]
     for positions, count in ((inside, 1), (beyond, 0)):
-        for place in positions:
+        for position in positions:
             stars = [
-                line for line in drawn_map(found[:1], first, second, place).axes[0].lines if line.get_marker() == "*"
+                line
+                for line in drawn_map(result[:1], first, second, position).axes[0].lines
+                if line.get_marker() == "*"
             ]
             assert len(stars) == count
 
 
 def test_the_edge_of_stability_is_where_a_pole_leaves_the_unit_circle(panels):  # noqa: F811
-    found, first, second, *_ = panels
-    edge, *_ = [each for each in drawn_map(found[:1], first, second).axes[0].collections if hasattr(each, "levels")]
+    result, first, second, *_ = panels
+    edge, *_ = [each for each in drawn_map(result[:1], first, second).axes[0].collections if hasattr(each, "levels")]
     assert edge.levels == [1.0]
     assert sum(len(path.vertices) for path in edge.get_paths()) > 5
 

@@ -1,4 +1,4 @@
-"""Figures are legible: labels have a background, overlapping curves are dashed, and legends identify the curves."""
+"""Tests that figures are legible: labels have a background, and each curve is visible and has a legend entry."""
 
 from itertools import pairwise
 
@@ -86,24 +86,24 @@ def test_overlapping_curves_are_dashed():
 
 def test_each_of_several_overlapping_curves_is_visible():
     """The dashes of each curve cover a smaller fraction of its length than the dashes of the curve below it."""
-    drawn = [dashes(place, 4)[1] for place in range(4)]
-    fractions = [on / (on + off) for on, off in drawn]
+    patterns = [dashes(index, 4)[1] for index in range(4)]
+    fractions = [dash / (dash + gap) for dash, gap in patterns]
     assert fractions == pytest.approx([1.0, 0.75, 0.5, 0.25])
-    assert len({on + off for on, off in drawn}) == 1
+    assert len({dash + gap for dash, gap in patterns}) == 1
     # The visible part of each curve is several times as long as the curve is wide.
-    seen = -np.diff([on for on, _ in drawn] + [0.0])
-    assert np.all(seen > 4.0)
+    visible_lengths = -np.diff([dash for dash, _ in patterns] + [0.0])
+    assert np.all(visible_lengths > 4.0)
 
 
 def test_equal_rotor_speeds_are_distinguishable(flight):
     """Each rotor has its own panel. In the panel with the limits, the curves are dashed."""
     figure = plot_rotors(flight)
-    *panels, whole = figure.axes
+    *panels, common_panel = figure.axes
     figure.draw_without_rendering()
     boxes = [axes.get_window_extent() for axes in panels]
     assert all(upper.y0 > lower.y1 for upper, lower in pairwise(boxes))
     assert all(axes.get_shared_y_axes().joined(panels[0], axes) for axes in panels)
-    rotors = [line for line in whole.lines if line.get_label().startswith("rotor")]
+    rotors = [line for line in common_panel.lines if line.get_label().startswith("rotor")]
     assert [line.is_dashed() for line in rotors] == [False, True, True, True]
 
 
@@ -112,13 +112,13 @@ def test_the_legend_identifies_each_weight(learned):
     figure = plot_learning(learned)
     weights = figure.axes[3]
     key = {text.get_text(): line for text, line in zip(*legend_of(weights), strict=True)}
-    assert list(key) == [f"{name} at {at}" for name in ("error", "rate") for at in ("−1", "0", "+1")]
+    assert list(key) == [f"{name} at {centre}" for name in ("error", "rate") for centre in ("−1", "0", "+1")]
     last = learned["weights"][:, -1]
     (curve,) = [line for line in weights.lines if np.array_equal(line.get_ydata(), last)]
     assert to_hex(curve.get_color()) == to_hex(key["error at +1"].get_color())
     assert curve.get_linestyle() == key["rate at +1"].get_linestyle()
-    looks = {(line.get_color(), line.get_linestyle()) for line in weights.lines}
-    assert len(looks) == len(weights.lines) == 9
+    styles = {(line.get_color(), line.get_linestyle()) for line in weights.lines}
+    assert len(styles) == len(weights.lines) == 9
 
 
 def legend_of(axes):

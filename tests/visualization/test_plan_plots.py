@@ -1,3 +1,5 @@
+"""Tests of outlines of convex regions in drawings of a plan."""
+
 import numpy as np
 
 from drake_quad.reference.regions import Box, Polytope

@@ -1,4 +1,4 @@
-"""Each panel of a flight log's plot shows its signals in the unit of its label."""
+"""Tests that each panel of a flight log's plot shows its signals in the unit of its label."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from matplotlib.colors import to_hex
 
 from drake_quad.logs.record import COLUMNS, FlightRecord
 from drake_quad.visualization.record_plots import plot_record
-from drake_quad.visualization.style import AXES, BLACK, ROTORS
+from drake_quad.visualization.style import AXIS_COLORS, BLACK, ROTOR_COLORS
 
 DEGREES_PER_RADIAN = 180.0 / np.pi
 XYZ, ANGLES, RATES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
@@ -41,20 +41,20 @@ def record(time, *names):
 
 @pytest.mark.slow
 def test_every_panel_has_its_signals_in_its_unit():
-    given = record(2.0 + 0.01 * np.arange(50), *COLUMNS)
-    figure = plot_record(given)
+    log = record(2.0 + 0.01 * np.arange(50), *COLUMNS)
+    figure = plot_record(log)
     assert len(figure.axes) == len(PANELS)
     for axes, (name, command, names, unit, factor) in zip(figure.axes, PANELS, strict=True):
         words = axes.get_ylabel().partition("\n")[0]
         assert axes.get_ylabel() == f"{words}\n({unit})"
         assert words.split(",")[0].split()[0] in name.replace("_", " ").split()
         count = max(len(names), 1)
-        colors = ROTORS if names == ROTOR_NAMES else tuple(AXES.values()) if names else (BLACK,)
+        colors = ROTOR_COLORS if names == ROTOR_NAMES else tuple(AXIS_COLORS.values()) if names else (BLACK,)
         assert len(axes.lines) == (count if command is None else 2 * count)
         for lines, signal in ((axes.lines[:count], name), (axes.lines[count:], command)):
-            columns = getattr(given, signal or name).reshape(50, -1).T
+            columns = getattr(log, signal or name).reshape(50, -1).T
             for line, values, color in zip(lines, columns, colors[: len(lines)], strict=signal is not None):
-                np.testing.assert_allclose(line.get_xydata(), np.stack([given.time, factor * values], axis=1))
+                np.testing.assert_allclose(line.get_xydata(), np.stack([log.time, factor * values], axis=1))
                 assert to_hex(line.get_color()) == to_hex(color)
                 assert (line.get_linestyle() == "-") == (signal == name)
         legend = axes.get_legend()
@@ -77,15 +77,15 @@ def test_a_panel_without_a_measured_signal_shows_the_command_as_a_solid_curve():
 def test_a_long_log_is_thinned_to_twenty_thousand_samples_and_broken_at_its_gaps(count, step):
     time = 0.001 * np.arange(count)
     time[10_000:] += 1.0
-    given = record(time, "battery_voltage")
-    (axes,) = plot_record(given).axes
+    log = record(time, "battery_voltage")
+    (axes,) = plot_record(log).axes
     (line,) = axes.lines
     x, y = line.get_xydata().T
     (gap,) = np.flatnonzero(np.isnan(x))
     assert np.isnan(y[gap])
     assert x[gap - 1] < 10.0 <= x[gap + 1] - 1.0
-    shown = np.isfinite(x)
-    np.testing.assert_array_equal(x[shown], time[::step])
-    np.testing.assert_array_equal(y[shown], given.battery_voltage[::step])
+    is_shown = np.isfinite(x)
+    np.testing.assert_array_equal(x[is_shown], time[::step])
+    np.testing.assert_array_equal(y[is_shown], log.battery_voltage[::step])
     (span,) = axes.patches
     assert (span.get_x(), span.get_width()) == pytest.approx((9.999, 1.001))

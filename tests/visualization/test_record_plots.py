@@ -1,4 +1,4 @@
-"""The plot of a flight log shows each signal once, in its unit, and the gaps of the log."""
+"""Tests that the plot of a flight log shows each signal once, in its unit, and the gaps of the log."""
 
 import numpy as np
 import pytest

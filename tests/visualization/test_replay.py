@@ -1,4 +1,4 @@
-"""Replays work in a real browser, if one is installed."""
+"""Tests of replays in a real browser, if one is installed."""
 
 import itertools
 import json
@@ -29,7 +29,7 @@ def flight():
     return simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=8"]))
 
 
-def watched(page, folder, names, moments):
+def watch_replay(page, folder, names, moments):
     """Return the visibility, position and attitude of objects on a page at the given times of the flight (s).
 
     Also return pictures at the first and the last time. The replay starts automatically, and is resumed after the pause
@@ -56,7 +56,7 @@ def watched(page, folder, names, moments):
     return [np.array(rows) for rows in zip(*poses, strict=True)], pictures
 
 
-def at(flight, moments):
+def positions_at(flight, moments):
     """Return the positions of a flight at the given times."""
     return flight["state"][np.searchsorted(flight.time, np.array(moments) - 1e-9), 0:3]
 
@@ -68,17 +68,17 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert page.stat().st_size < 5_000_000
     names = ["figure_eight", "figure_eight/rotor_1", "figure_eight/rotor_2", "reference", "figure_eight_trail/10"]
     moments = [round(0.3 * k, 1) for k in range(1, 15)]
-    (vehicle, rotor, other_rotor, reference, trail), pictures = watched(page, tmp_path, names, moments)
+    (vehicle, rotor, other_rotor, reference, trail), pictures = watch_replay(page, tmp_path, names, moments)
     assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
-    np.testing.assert_allclose(vehicle[:, 1:4], at(flight, moments), atol=0.01)
+    np.testing.assert_allclose(vehicle[:, 1:4], positions_at(flight, moments), atol=0.01)
     assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
     # The times are too far apart to count the revolutions of the rotors.
     assert len(np.unique(rotor[:, 6].round(3))) > 5
     assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
     # The piece of the trail from 2.5 to 2.75 s is invisible at first. Once it has appeared, it stays.
     np.testing.assert_array_equal(trail[:, 0], np.array(moments) > 2.75)
-    early, late = (np.asarray(Image.open(picture).convert("L"), dtype=float) for picture in pictures)
-    assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
+    first_picture, last_picture = (np.asarray(Image.open(picture).convert("L"), dtype=float) for picture in pictures)
+    assert 20 < (np.abs(last_picture - first_picture) > 30.0).sum() < 0.1 * first_picture.size
 
 
 @pytest.mark.long
@@ -88,12 +88,12 @@ def test_a_replay_can_be_opened_at_a_given_time(flight, tmp_path):
     with Browser(page, tmp_path / "profile", fragment="#t=5.0") as browser:
         browser.wait_for("document.getElementById('clock')?.textContent === '5.0 s'")
         assert browser.value("viewer.animator.playing") is False
-        place = browser.value("viewer.scene_tree.find(['figure_eight']).object.position.toArray()")
+        position = browser.value("viewer.scene_tree.find(['figure_eight']).object.position.toArray()")
         assert browser.console == []
-    assert place == pytest.approx(at(flight, 5.0), abs=0.01)
+    assert position == pytest.approx(positions_at(flight, 5.0), abs=0.01)
 
 
-def opened(page, folder, fragment="#t=3.0"):
+def open_replay(page, folder, fragment="#t=3.0"):
     """Open a page in a browser, wait until the replay shows the time in the fragment (s), and return the browser."""
     browser = Browser(page, folder / "profile", fragment=fragment)
     browser.wait_for(f"document.getElementById('clock')?.textContent === '{float(fragment[3:]):.1f} s'")
@@ -139,7 +139,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
     page = save_replay({"one": flight}, tmp_path / "replay.html")
     text = page.read_text(encoding="utf-8")
     path = np.vstack([reference_points(flight.plan), positions(flight.record("state"))])
-    with opened(page, tmp_path) as browser:
+    with open_replay(page, tmp_path) as browser:
         for width, height in ((880, 560), (360, 640)):
             resize(browser, width, height)
             browser.value("reset.click()")
@@ -163,8 +163,8 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
             if mark["text"].endswith("(m)"):
                 x, y, _ = on_screen(browser, [mark["at"]])[0]
                 left, top, right, bottom = next(box for name, *box in texts if name == mark["text"])
-                middle = (0.5 * (left + right), 0.5 * (top + bottom))
-                assert middle == pytest.approx((180.0 * (1.0 + x), 0.5 * height * (1.0 - y)), abs=1.0)
+                centre = (0.5 * (left + right), 0.5 * (top + bottom))
+                assert centre == pytest.approx((180.0 * (1.0 + x), 0.5 * height * (1.0 - y)), abs=1.0)
         # The jets of fans do not hide trails.
         jet = "viewer.scene_tree.find(['fan_1', 'jet', '<object>']).object.material.depthWrite"
         assert "laboratory" not in spec or browser.value(jet) is False
@@ -179,14 +179,14 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
 @needs_chromium
 def test_the_panel_shows_error_and_speed_and_a_click_on_its_plot_sets_the_time(flight, tmp_path):
     page = save_replay({"first": flight, "second": flight}, tmp_path / "replay.html")
-    with opened(page, tmp_path) as browser:
+    with open_replay(page, tmp_path) as browser:
         resize(browser, 880, 560)
         # The panel shows the values of the flight.
         tick = np.searchsorted(flight.time, 3.0 - 1e-9)
         error, speed = 100.0 * flight.euclidean_error[tick], np.linalg.norm(flight["state"][tick, 6:9])
-        said = browser.value("document.querySelector('#key .now').textContent")
-        found = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", said)
-        assert [float(each) for each in found.groups()] == pytest.approx([error, speed], abs=0.05)
+        panel_text = browser.value("document.querySelector('#key .now').textContent")
+        result = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", panel_text)
+        assert [float(each) for each in result.groups()] == pytest.approx([error, speed], abs=0.05)
         # A click on the plot sets the time of the replay. The time axis begins 44 px from the left and ends 8 px from
         # the right.
         box = browser.value("(({left, top, width}) => [left, top, width])(errors.getBoundingClientRect())")
@@ -194,17 +194,17 @@ def test_the_panel_shows_error_and_speed_and_a_click_on_its_plot_sets_the_time(f
         for kind in ("mousePressed", "mouseReleased"):
             browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
         browser.wait_for(f"Math.abs(viewer.animator.time - {0.75 * flight.time[-1]}) < 0.02")
-        place = at(flight, browser.value("viewer.animator.time"))
+        position = positions_at(flight, browser.value("viewer.animator.time"))
         # The key F makes the camera follow the first vehicle, which is then close and in the middle of the view.
         for key in ("f", "+", "+"):
             browser.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
         browser.wait_for("viewer.animator.mixer.timeScale === 5")
         browser.wait_for("follow.value === '/first'")
-        assert np.abs(on_screen(browser, [place])[0, :2]).max() < 0.05
-        near = browser.value("viewer.camera.position.distanceTo(viewer.controls.target)")
+        assert np.abs(on_screen(browser, [position])[0, :2]).max() < 0.05
+        distance_following = browser.value("viewer.camera.position.distanceTo(viewer.controls.target)")
         browser.call("Input.dispatchKeyEvent", type="keyDown", key="r", text="r")
         browser.wait_for("follow.value === ''")
-        assert browser.value("viewer.camera.position.distanceTo(viewer.controls.target)") > 2.0 * near
+        assert browser.value("viewer.camera.position.distanceTo(viewer.controls.target)") > 2.0 * distance_following
         assert browser.console == []
 
 
@@ -218,7 +218,7 @@ def test_the_replay_of_a_swarm_counts_crashes_and_stops_crashed_vehicles(tmp_pat
     page = save_swarm({"all": [*flights, crash]}, tmp_path / "swarm.html")
     count = 1 + sum(bool(flight.metrics.crashed) for flight in flights)
     assert f"21 flights, {count} crashed" in page.read_text(encoding="utf-8")
-    (first, last), _ = watched(page, tmp_path, ["all/0", "all/20"], [0.5, 1.5, 2.5, 4.5])
+    (first, last), _ = watch_replay(page, tmp_path, ["all/0", "all/20"], [0.5, 1.5, 2.5, 4.5])
     assert np.ptp(first[:, 1:4], axis=0).max() > 0.3
     # A crashed vehicle stays where it is.
     assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)
@@ -238,8 +238,8 @@ def test_a_page_needs_no_internet_connection_and_is_smaller_than_12_megabytes(fl
 def test_a_flight_is_shown_until_its_state_is_not_finite(tmp_path):
     flight = simulate(load_scenario("diagrams/outdoor.yaml", ["duration=1"]))
     flight["state"][-10:] = np.nan
-    whole = save_replay({"diverged": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
-    assert f'max="{flight.time[-11]:.3f}"' in whole
+    page_text = save_replay({"diverged": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert f'max="{flight.time[-11]:.3f}"' in page_text
     assert save_swarm({"diverged": [flight, flight]}, tmp_path / "swarm.html").exists()
     short = simulate(load_scenario("diagrams/hover.yaml", ["duration=0.02"]))
     assert save_replay({"short": short}, tmp_path / "new" / "folder" / "short.html").exists()
@@ -258,8 +258,8 @@ def test_page_data_contain_the_median_of_many_flights(tmp_path):
     signals = {name: values[:half] for name, values in group[-1].signals.items()}
     group[-1] = replace(group[-1], time=flight.time[:half], signals=signals, metrics=crash)
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2)
-    told = json.loads(page_data({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
-    (curve,) = told["curves"]
+    data = json.loads(page_data({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
+    (curve,) = data["curves"]
     assert [curve[name][5] for name in ("low", "error", "high")] == pytest.approx([1.2, 3.0, 4.8])
     assert [curve[name][-2] for name in ("low", "error", "high")] == pytest.approx([1.15, 2.5, 3.85])
     assert curve["crashes"] == [1.0]
@@ -276,8 +276,8 @@ def test_the_spacing_of_a_grid_is_a_round_number(length, spacing):
 def test_rotors_1_and_3_turn_clockwise():
     plus = Rotors.plus()
     assert list(np.sign(rotation_angles(plus, RotorSpeed(*[200.0] * 4), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
-    front, right, back, left = (pose.translation() for pose in rotor_poses(plus, np.zeros(4)))
-    assert (front[0], right[1], back[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
+    front, right, rear, left = (pose.translation() for pose in rotor_poses(plus, np.zeros(4)))
+    assert (front[0], right[1], rear[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
 
 
 def test_rotors_are_drawn_at_their_positions():
@@ -309,7 +309,7 @@ def test_an_h_frame_is_drawn_with_its_crossbar():
         arms = [meshcat.HasPath(f"/{kind}/{name}") for name in ("crossbar_1", "crossbar_2", "crossbar_3", "arm_4")]
         assert arms == [kind == "h", kind == "h", False, True]
         corners, triangles = (part.T for part in quadrotor_mesh(frame))
-        middles = corners[triangles].mean(axis=1)
-        bars = middles[np.abs(middles[:, 2]) < 0.01]
+        triangle_centres = corners[triangles].mean(axis=1)
+        bars = triangle_centres[np.abs(triangle_centres[:, 2]) < 0.01]
         on_sides, across = np.abs(np.abs(bars[:, 1]) - 0.15) < 0.01, np.abs(bars[:, 0]) < 0.01
         assert (on_sides | across).all() == (kind == "h")

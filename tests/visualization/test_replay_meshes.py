@@ -1,4 +1,4 @@
-"""Surfaces of a replay have no holes, and the page of a replay has its title, legend and duration."""
+"""Tests of the surfaces of a replay, and of the title, the legend and the duration on its page."""
 
 import json
 import re
@@ -67,7 +67,7 @@ def flight():
 
 
 @pytest.fixture
-def written(monkeypatch, tmp_path):
+def write_page(monkeypatch, tmp_path):
     """Return a function that writes a page without a server and returns its text."""
     stage = Scene()
     stage.StaticHtml = lambda: "<html><body>scene</body></html>"
@@ -75,18 +75,18 @@ def written(monkeypatch, tmp_path):
     return lambda flights: page.save_replay(flights, tmp_path / "new" / "page.html").read_text(encoding="utf-8")
 
 
-def test_the_page_of_a_single_flight_has_a_colour_bar_up_to_its_largest_error(flight, written):
-    text = written({"a < b": flight})
+def test_the_page_of_a_single_flight_has_a_colour_bar_up_to_its_largest_error(flight, write_page):
+    text = write_page({"a < b": flight})
     assert "<b>a &lt; b</b>" in text
     assert 'max="0.400"' in text
     assert text.endswith("</body></html>")
     bar = text[
         text.index("error along the trail: 0") : text.index("</b>") + text[text.index("</b>") :].index("cm</span>")
     ]
-    stops = re.findall("#[0-9a-f]{6}", bar)
-    assert len(stops) == 9
+    colours = re.findall("#[0-9a-f]{6}", bar)
+    assert len(colours) == 9
     np.testing.assert_allclose(
-        [to_rgb(stop) for stop in stops], [shapes.ERROR_COLORS(i / 8.0)[:3] for i in range(9)], atol=3e-3
+        [to_rgb(stop) for stop in colours], [shapes.ERROR_COLORS(i / 8.0)[:3] for i in range(9)], atol=3e-3
     )
     assert bar.endswith(f"{100.0 * flight.euclidean_error.max():.3g} ")
     page_data = json.loads(re.search(r"const data = (.*);", text).group(1))
@@ -94,8 +94,8 @@ def test_the_page_of_a_single_flight_has_a_colour_bar_up_to_its_largest_error(fl
     assert [each["path"] for each in page_data["vehicles"]] == ["/a___b"]
 
 
-def test_the_page_of_several_flights_has_their_names_and_no_colour_bar(flight, written):
-    text = written({"one": flight, "other": flight})
+def test_the_page_of_several_flights_has_their_names_and_no_colour_bar(flight, write_page):
+    text = write_page({"one": flight, "other": flight})
     assert "<b>one, other</b>" in text
     assert "error along the trail" not in text
     page_data = json.loads(re.search(r"const data = (.*);", text).group(1))

@@ -1,4 +1,4 @@
-"""Replays show obstacles, name them, and report crashes into them."""
+"""Tests that replays show and name obstacles, and report crashes into them."""
 
 import json
 import re
@@ -47,10 +47,10 @@ def test_page_data_name_the_obstacle_of_a_crash(hover):
         replace(hover, metrics=hover.metrics._replace(crash_time=time), obstacle_hit=name)
         for time, name in ((0.8, "post"), (0.4, None), (0.2, "wall"))
     ]
-    told = json.loads(page_data({"all": group}, {"all": "#000000"}, dict.fromkeys("abc", "/x"), room))
-    assert told["curves"][0]["crashes"] == [0.2, 0.4, 0.8]
-    assert told["curves"][0]["into"] == ["wall", None, "post"]
-    assert told["marks"][-1] == {"at": [1.0, 0.5, 3.0], "text": "post", "color": "#555555"}
+    data = json.loads(page_data({"all": group}, {"all": "#000000"}, dict.fromkeys("abc", "/x"), room))
+    assert data["curves"][0]["crashes"] == [0.2, 0.4, 0.8]
+    assert data["curves"][0]["into"] == ["wall", None, "post"]
+    assert data["marks"][-1] == {"at": [1.0, 0.5, 3.0], "text": "post", "color": "#555555"}
 
 
 def test_page_data_contain_only_numbers_that_json_allows(hover):

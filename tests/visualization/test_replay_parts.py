@@ -1,4 +1,4 @@
-"""Drawn parts are no larger than their vehicle, and trails, rotors and frame rates match the flight."""
+"""Tests that drawn parts are no larger than their vehicle, and that trails, rotors and frames match the flight."""
 
 from dataclasses import replace
 
@@ -64,9 +64,11 @@ def test_a_scene_is_not_updated_while_it_is_recorded_and_its_parts_have_suitable
     signals = {name: np.repeat(rows, 8, axis=0) for name, rows in flight.signals.items()}
     time = np.linspace(0.0, flight.time[-1], 8 * len(flight.time))
     page.save_swarm({"one": [replace(flight, time=time, signals=signals)]}, tmp_path / "swarm.html")
-    shown = scene.lines["/one_trails/0"].T
-    assert 150 <= len(shown) < 300
-    np.testing.assert_array_equal(shown, positions(flight.record("state")).repeat(8, axis=0)[:: len(time) // 150])
+    trail_points = scene.lines["/one_trails/0"].T
+    assert 150 <= len(trail_points) < 300
+    np.testing.assert_array_equal(
+        trail_points, positions(flight.record("state")).repeat(8, axis=0)[:: len(time) // 150]
+    )
 
 
 def test_a_flight_is_shown_until_its_state_is_not_finite(flights):  # noqa: F811
@@ -74,15 +76,15 @@ def test_a_flight_is_shown_until_its_state_is_not_finite(flights):  # noqa: F811
     assert page._before_divergence(flight) is flight
     state = flight["state"].copy()
     state[20:, 3] = np.nan
-    seen = page._before_divergence(replace(flight, signals={**flight.signals, "state": state}))
-    np.testing.assert_array_equal(seen.time, flight.time[:20])
-    assert {len(rows) for rows in seen.signals.values()} == {20}
+    shown_flight = page._before_divergence(replace(flight, signals={**flight.signals, "state": state}))
+    np.testing.assert_array_equal(shown_flight.time, flight.time[:20])
+    assert {len(rows) for rows in shown_flight.signals.values()} == {20}
 
 
-@pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
-def test_wind_is_shown_by_an_arrow_unless_fans_show_it(wind, blows):
+@pytest.mark.parametrize(("wind", "has_arrow"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
+def test_wind_is_shown_by_an_arrow_unless_fans_show_it(wind, has_arrow):
     scenario = load_scenario("hover", ["duration=0.1", f"laboratory.wind={wind}"])
     flight = simulate(scenario)
-    assert page._has_undrawn_wind(flight) == blows
+    assert page._has_undrawn_wind(flight) == has_arrow
     gust = np.ones_like(flight["wind"])
     assert page._has_undrawn_wind(replace(flight, signals={**flight.signals, "wind": gust}))

@@ -1,4 +1,4 @@
-"""Scenes of replays call Meshcat with the right objects, poses and motions."""
+"""Tests that scenes of replays call Meshcat with the right objects, poses and motions."""
 
 import json
 from dataclasses import replace
@@ -35,7 +35,7 @@ from drake_quad.visualization.replay.shapes import (
     vehicle_pose,
     wind_arrow,
 )
-from drake_quad.visualization.style import AXES, BLUE, SKY
+from drake_quad.visualization.style import AXIS_COLORS, BLUE, SKY
 
 
 class Animation:
@@ -77,9 +77,9 @@ class Scene:
         return any(f"{each}/".startswith(f"{path}/") for each in (*self.objects, *self.meshes, *self.poses))
 
     def Delete(self, path):
-        for kept in (self.objects, self.meshes, self.poses):
-            for each in [each for each in kept if f"{each}/".startswith(f"{path}/")]:
-                del kept[each]
+        for objects in (self.objects, self.meshes, self.poses):
+            for each in [each for each in objects if f"{each}/".startswith(f"{path}/")]:
+                del objects[each]
 
     def SetLine(self, path, points, width, rgba):
         self.lines[path], self.colors[path] = np.array(points), rgba
@@ -96,8 +96,8 @@ class Scene:
     def SetTriangleColorMesh(self, path, vertices, faces, colors):
         self.meshes[path], self.colors[path] = (np.array(vertices), np.array(faces)), np.array(colors)
 
-    def SetCameraPose(self, place, target):
-        self.camera = np.array(place), np.array(target)
+    def SetCameraPose(self, position, target):
+        self.camera = np.array(position), np.array(target)
 
     def StartRecording(self, rate, set_visualizations_while_recording):
         self.animation = Animation(rate)
@@ -128,14 +128,14 @@ def test_the_parts_of_a_quadrotor_are_at_their_positions():
     size = part_scale(X_LAYOUT)
     assert size == pytest.approx(min(np.hypot(0.1, 0.15) / 0.17, 1.0))
     for number, rotor in enumerate(X_LAYOUT, start=1):
-        foot = np.array([rotor.x, rotor.y, rotor.z])
+        rotor_position = np.array([rotor.x, rotor.y, rotor.z])
         middle, tip = ends(scene.objects[f"/v/arm_{number}"], scene.poses[f"/v/arm_{number}"])
-        np.testing.assert_allclose([middle, tip], [np.zeros(3), foot], atol=1e-9)
-        place = foot + np.array([0.0, 0.0, 0.035 * size])
+        np.testing.assert_allclose([middle, tip], [np.zeros(3), rotor_position], atol=1e-9)
+        disc_position = rotor_position + np.array([0.0, 0.0, 0.035 * size])
         for part in ("rotor", "disc"):
-            np.testing.assert_allclose(scene.poses[f"/v/{part}_{number}"].translation(), place)
+            np.testing.assert_allclose(scene.poses[f"/v/{part}_{number}"].translation(), disc_position)
         motor = scene.objects[f"/v/motor_{number}"]
-        middle = foot + np.array([0.0, 0.0, 0.5 * motor.length()])
+        middle = rotor_position + np.array([0.0, 0.0, 0.5 * motor.length()])
         np.testing.assert_allclose(scene.poses[f"/v/motor_{number}"].translation(), middle)
         assert motor.length() == pytest.approx(0.035 * size)
         blades, disc = scene.objects[f"/v/rotor_{number}/blades"], scene.objects[f"/v/disc_{number}"]
@@ -171,10 +171,10 @@ def test_the_mesh_of_a_quadrotor_has_a_bar_to_each_rotor_and_a_disc_on_it():
     height = 0.035 * part_scale(X_LAYOUT)
     radius = 0.48 * 0.2
     for rotor in X_LAYOUT:
-        place = np.array([rotor.x, rotor.y, rotor.z + height])
-        away = np.linalg.norm(corners - place, axis=1)
-        assert np.isclose(away, 0.0, atol=1e-9).sum() == 1
-        rim = corners[np.isclose(away, radius) & np.isclose(corners[:, 2], place[2])]
+        disc_centre = np.array([rotor.x, rotor.y, rotor.z + height])
+        distances = np.linalg.norm(corners - disc_centre, axis=1)
+        assert np.isclose(distances, 0.0, atol=1e-9).sum() == 1
+        rim = corners[np.isclose(distances, radius) & np.isclose(corners[:, 2], disc_centre[2])]
         assert len(rim) == 10
     a, b, c = (corners[triangles[:, i]] for i in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -251,8 +251,8 @@ def test_a_tube_follows_its_points():
     rings = vertices.T.reshape(40, 3, 3)
     np.testing.assert_allclose(rings.mean(axis=1), points, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(rings - points[:, None], axis=2), 0.05)
-    ahead = np.gradient(points, axis=0)
-    np.testing.assert_allclose(np.einsum("nki,ni->nk", rings - points[:, None], ahead), 0.0, atol=1e-6)
+    tangents = np.gradient(points, axis=0)
+    np.testing.assert_allclose(np.einsum("nki,ni->nk", rings - points[:, None], tangents), 0.0, atol=1e-6)
     corners = [vertices.T[faces[i]] for i in range(3)]
     area = 0.5 * np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1).sum()
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
@@ -301,18 +301,18 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     size = high - room.low
     assert (floor.width(), floor.depth()) == pytest.approx((size[0], size[1]))
     np.testing.assert_allclose(scene.poses["/floor"].translation()[:2], 0.5 * (room.low + high)[:2])
-    starts, stops = np.moveaxis(scene.lines["/room/edges"], 2, 1)
-    assert starts.shape == (12, 3)
-    lengths = np.sort(np.abs(stops - starts).max(axis=1))
+    edge_starts, edge_ends = np.moveaxis(scene.lines["/room/edges"], 2, 1)
+    assert edge_starts.shape == (12, 3)
+    lengths = np.sort(np.abs(edge_ends - edge_starts).max(axis=1))
     np.testing.assert_allclose(lengths, np.sort(np.repeat(size, 4)))
-    assert ((np.abs(stops - starts) > 1e-9).sum(axis=1) == 1).all()
-    assert len({tuple(sorted(map(tuple, pair.round(6)))) for pair in np.stack([starts, stops], axis=1)}) == 12
-    starts, stops = np.moveaxis(scene.lines["/room/grid"], 2, 1)
+    assert ((np.abs(edge_ends - edge_starts) > 1e-9).sum(axis=1) == 1).all()
+    assert len({tuple(sorted(map(tuple, pair.round(6)))) for pair in np.stack([edge_starts, edge_ends], axis=1)}) == 12
+    edge_starts, edge_ends = np.moveaxis(scene.lines["/room/grid"], 2, 1)
     count = len(room.grid(0))
-    np.testing.assert_allclose(starts[:count, 0], room.grid(0))
-    np.testing.assert_allclose(stops[:count, :2], np.column_stack([room.grid(0), np.full(count, room.high[1])]))
-    np.testing.assert_allclose(starts[count:, 1], room.grid(1))
-    np.testing.assert_allclose(stops[count:, 0], room.high[0])
+    np.testing.assert_allclose(edge_starts[:count, 0], room.grid(0))
+    np.testing.assert_allclose(edge_ends[:count, :2], np.column_stack([room.grid(0), np.full(count, room.high[1])]))
+    np.testing.assert_allclose(edge_starts[count:, 1], room.grid(1))
+    np.testing.assert_allclose(edge_ends[count:, 0], room.high[0])
     for axis, begin in zip("xyz", (room.low, [high[0], room.low[1], 0.0], room.low), strict=True):
         start, stop = scene.lines[f"/room/{axis}"][:, :, 0]
         np.testing.assert_allclose(start, begin)
@@ -322,13 +322,13 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     assert scene.meshes["/fan_1/jet"][2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
     # The camera is above the scene and to its side.
-    place, target = scene.camera
-    middle = 0.5 * (room.low + room.high)
-    np.testing.assert_allclose(target[:2], middle[:2])
-    assert place[2] > target[2]
+    camera_position, target = scene.camera
+    centre = 0.5 * (room.low + room.high)
+    np.testing.assert_allclose(target[:2], centre[:2])
+    assert camera_position[2] > target[2]
     extent = np.linalg.norm(room.high - room.low)
-    np.testing.assert_allclose((place - middle) / extent, [0.54, -0.25, 0.29])
-    assert middle[2] - target[2] == pytest.approx(0.1 * extent)
+    np.testing.assert_allclose((camera_position - centre) / extent, [0.54, -0.25, 0.29])
+    assert centre[2] - target[2] == pytest.approx(0.1 * extent)
     look_at(scene, np.zeros((1, 3)))
     np.testing.assert_allclose(scene.camera[0], 1.5 * np.array([0.54, -0.25, 0.29]))
 
@@ -347,10 +347,10 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
     scene = Scene()
     draw_replay(scene, flights)
     moved = scene.animation.transforms
-    last = 39
-    for path, flight, own in (("/first_one", flights["first one"], 39), ("/other", flights["other"], 24)):
+    last_frame = 39
+    for path, flight, last_own_frame in (("/first_one", flights["first one"], 39), ("/other", flights["other"], 24)):
         frames = moved[path]
-        assert sorted(frames) == [*range(own + 1), *([last] if own < last else [])]
+        assert sorted(frames) == [*range(last_own_frame + 1), *([last_frame] if last_own_frame < last_frame else [])]
         for frame, pose in frames.items():
             # A frame shows the last tick up to its time.
             tick = np.flatnonzero(flight.time <= min(frame / 30.0, flight.time[-1]) + 1e-9)[-1]
@@ -373,7 +373,7 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
     assert scene.animation.properties["/first_one_wind/arrow", "scale"][0] == scale
     # The point shows the reference of the longer flight.
     reference = positions(flights["first one"].record("reference"))
-    np.testing.assert_allclose(moved["/reference"][last].translation(), reference[-1], atol=0.05)
+    np.testing.assert_allclose(moved["/reference"][last_frame].translation(), reference[-1], atol=0.05)
     np.testing.assert_allclose(moved["/reference"][0].translation(), reference[0])
     assert scene.published
     assert scene.stopped
@@ -383,21 +383,23 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
 def test_a_trail_appears_piece_by_piece(flights):
     scene = Scene()
     draw_replay(scene, flights)
-    shown = scene.animation.properties
+    properties = scene.animation.properties
     for path, flight in (("/first_one", flights["first one"]), ("/other", flights["other"])):
-        pieces = [each for each, name in shown if each.startswith(f"{path}_trail") and name == "visible"]
+        pieces = [each for each, name in properties if each.startswith(f"{path}_trail") and name == "visible"]
         assert len(pieces) == int(np.ceil(flight.time[-1] / 0.25))
         for number, piece in enumerate(pieces):
             end = min(0.25 * (number + 1), flight.time[-1])
-            frames = shown[piece, "visible"]
+            frames = properties[piece, "visible"]
             assert frames[0] is False
             appears = min(frame for frame, visible in frames.items() if visible)
             assert appears == pytest.approx(30.0 * end, abs=1.0)
             assert frames[39] is True
             rings = scene.meshes[piece][0].T.reshape(5, 3, 3).mean(axis=1)
-            way = positions(flight.record("state"))
-            np.testing.assert_allclose(rings[-1], way[np.abs(flight.time - end).argmin()], atol=2e-2)
-            np.testing.assert_allclose(rings[0], way[np.abs(flight.time - 0.25 * number).argmin()], atol=2e-2)
+            flown_positions = positions(flight.record("state"))
+            np.testing.assert_allclose(rings[-1], flown_positions[np.abs(flight.time - end).argmin()], atol=2e-2)
+            np.testing.assert_allclose(
+                rings[0], flown_positions[np.abs(flight.time - 0.25 * number).argmin()], atol=2e-2
+            )
 
 
 def test_the_trail_of_a_single_flight_has_the_colours_of_its_errors(flights):
@@ -420,8 +422,10 @@ def test_crashed_vehicles_of_a_swarm_are_red(flights, monkeypatch, tmp_path):
     text = page.save_swarm(groups, tmp_path / "swarm.html").read_text(encoding="utf-8")
     assert scene.animation.rate == 10.0
     assert {path for path in scene.meshes if path.endswith("/body")} == {"/a_b/0/body", "/a_b/1/body", "/c/0/body"}
-    red = scene.colors["/a_b/1/body"]
-    assert (red.r(), red.g(), red.b(), red.a()) == pytest.approx((0.8, 0.0, 0.0, 1.0))
+    crashed_color = scene.colors["/a_b/1/body"]
+    assert (crashed_color.r(), crashed_color.g(), crashed_color.b(), crashed_color.a()) == pytest.approx(
+        (0.8, 0.0, 0.0, 1.0)
+    )
     assert len({(color.r(), color.g(), color.b()) for path, color in scene.colors.items() if "body" in path}) == 3
     # Trails have the colours of their vehicles, mixed with white.
     for path in ("/a_b", "/c"):
@@ -457,26 +461,30 @@ def test_page_data_contain_errors_and_speeds_over_time(flights):
         assert len(curve["error"]) == 27
         state = flight.record("state")
         speed = np.linalg.norm([state.v_x, state.v_y, state.v_z], axis=0)
-        for k, (error, fast) in enumerate(zip(curve["error"], curve["speed"], strict=True)):
+        for k, (error, drawn_speed) in enumerate(zip(curve["error"], curve["speed"], strict=True)):
             if 0.05 * k > flight.time[-1] + 1e-9:
                 assert error is None
                 continue
             tick = np.flatnonzero(flight.time <= 0.05 * k + 1e-9)[-1]
             assert error == pytest.approx(100.0 * flight.euclidean_error[tick], rel=5e-3, abs=1e-9)
-            assert fast == pytest.approx(speed[tick], rel=5e-3, abs=1e-9)
+            assert drawn_speed == pytest.approx(speed[tick], rel=5e-3, abs=1e-9)
         assert "low" not in curve
     size = Frame.of(flights["other"].scenario.vehicle).max_rotor_distance
     assert content["vehicles"] == [
         {"name": n, "path": p, "size": pytest.approx(size)} for n, p in (("first one", "/a"), ("other", "/b"))
     ]
     marks = content["marks"]
-    out = 0.04 * 4.0
+    label_distance = 0.04 * 4.0
     assert [(mark["text"], mark["color"], mark["at"]) for mark in marks[:3]] == [
-        ("X (m)", AXES["x"], [pytest.approx(3.0), pytest.approx(-2.0 - out), 0.0]),
-        ("Y (m)", AXES["y"], [pytest.approx(3.0 + out), pytest.approx(2.0), 0.0]),
-        ("Z (m)", AXES["z"], [pytest.approx(-1.0), pytest.approx(-2.0 - out), pytest.approx(1.5 + out)]),
+        ("X (m)", AXIS_COLORS["x"], [pytest.approx(3.0), pytest.approx(-2.0 - label_distance), 0.0]),
+        ("Y (m)", AXIS_COLORS["y"], [pytest.approx(3.0 + label_distance), pytest.approx(2.0), 0.0]),
+        (
+            "Z (m)",
+            AXIS_COLORS["z"],
+            [pytest.approx(-1.0), pytest.approx(-2.0 - label_distance), pytest.approx(1.5 + label_distance)],
+        ),
     ]
-    numbers = [mark["text"] for mark in marks if mark["color"] == AXES["x"]][1:]
+    numbers = [mark["text"] for mark in marks if mark["color"] == AXIS_COLORS["x"]][1:]
     assert numbers == [f"{value:g}".replace("-", "−") for value in np.arange(-1.0, 3.1, 0.5)]
     assert marks[-1] == {"at": [1.0, 1.0, 1.0], "text": "post", "color": "#555555"}
     corners = [[x, y, z] for x in (-1.0, 3.0) for y in (-2.0, 2.0) for z in (0.0, 1.5)]

@@ -1,4 +1,4 @@
-"""Plots of studies show the statistics of their samples."""
+"""Tests that plots of studies show the statistics of their samples."""
 
 import math
 
@@ -39,11 +39,11 @@ def no_crash(seed=0, count=NUM_SAMPLES):
 
 def test_a_distribution_plot_shows_the_fraction_of_samples_up_to_each_value():
     """Crashed samples count as worse than all others. The bands follow from Massart's inequality."""
-    some, none = study(), no_crash(1)
-    figure = plots.plot_distribution({"one": some, "other": none})
+    study_with_crashes, study_without_crashes = study(), no_crash(1)
+    figure = plots.plot_distribution({"one": study_with_crashes, "other": study_without_crashes})
     assert legends(figure) == ["one (15.0 % crashed)", "other"]
     (axes,) = figure.axes
-    for label, each, crashed in (("one (15.0 % crashed)", some, 30), ("other", none, 0)):
+    for label, each, crashed in (("one (15.0 % crashed)", study_with_crashes, 30), ("other", study_without_crashes, 0)):
         values, fractions = curve(axes, label)
         expected = np.sort(each.metrics.rmse[~each.metrics.crashed])
         assert len(values) == NUM_SAMPLES - crashed
@@ -51,11 +51,11 @@ def test_a_distribution_plot_shows_the_fraction_of_samples_up_to_each_value():
         np.testing.assert_allclose(
             fractions, [(each.metrics.rmse[~each.metrics.crashed] <= v).sum() / NUM_SAMPLES for v in values]
         )
-    max_rotor_distance = math.sqrt(math.log(2.0 / 0.05) / (2.0 * NUM_SAMPLES))
-    for collection, each in zip(axes.collections, (some, none), strict=True):
+    half_width = math.sqrt(math.log(2.0 / 0.05) / (2.0 * NUM_SAMPLES))
+    for collection, each in zip(axes.collections, (study_with_crashes, study_without_crashes), strict=True):
         edges = np.unique(collection.get_paths()[0].vertices[:, 1])
         assert edges.min() == 0.0
-        assert edges.max() == pytest.approx(min((~each.metrics.crashed).mean() + max_rotor_distance, 1.0))
+        assert edges.max() == pytest.approx(min((~each.metrics.crashed).mean() + half_width, 1.0))
     assert axes.get_title(loc="left") == "200 samples each; bands: 95 % confidence"
     assert axes.get_xlabel() == "RMSE (cm)"
     assert axes.get_ylim()[0] == 0.0
@@ -71,11 +71,11 @@ def test_titles_state_the_number_of_samples():
 
 def test_estimates_converge_with_the_number_of_samples():
     """The left panel shows the mean over samples without a crash, from the tenth on; the right panel shows crashes."""
-    found = study()
-    figure = plots.plot_convergence({"one": found})
+    result = study()
+    figure = plots.plot_convergence({"one": result})
     assert legends(figure) == ["one"]
     left, right = figure.axes
-    values = found.metrics.rmse[~found.metrics.crashed]
+    values = result.metrics.rmse[~result.metrics.crashed]
     count, mean = curve(left, "one")
     np.testing.assert_array_equal(count, np.arange(10, len(values) + 1))
     np.testing.assert_allclose(mean, [values[:n].mean() for n in range(10, len(values) + 1)])
@@ -83,10 +83,10 @@ def test_estimates_converge_with_the_number_of_samples():
     corners = left.collections[0].get_paths()[0].vertices
     assert corners[:, 1].min() == pytest.approx(low.min())
     assert corners[:, 1].max() == pytest.approx(high.max())
-    stops, fractions = curve(right, "one")
-    assert (stops[0], stops[-1]) == (20.0, NUM_SAMPLES)
-    assert (np.diff(stops) > 0.0).all()
-    np.testing.assert_allclose(fractions, [found.metrics.crashed[: int(n)].mean() for n in stops])
+    sample_counts, fractions = curve(right, "one")
+    assert (sample_counts[0], sample_counts[-1]) == (20.0, NUM_SAMPLES)
+    assert (np.diff(sample_counts) > 0.0).all()
+    np.testing.assert_allclose(fractions, [result.metrics.crashed[: int(n)].mean() for n in sample_counts])
     assert right.get_title(loc="left") == "crashes"
     assert right.yaxis.get_major_formatter()(0.1).endswith(" %")
     for axes in (left, right):
@@ -95,16 +95,16 @@ def test_estimates_converge_with_the_number_of_samples():
 
 
 def test_the_convergence_of_a_quantile_is_shown_for_a_study_without_a_crash():
-    found = no_crash()
-    left, right = plots.plot_convergence({"one": found}, "peak_error").axes
-    stops, values = curve(right, "one")
-    expected = [quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
+    result = no_crash()
+    left, right = plots.plot_convergence({"one": result}, "peak_error").axes
+    sample_counts, values = curve(right, "one")
+    expected = [quantile_interval(result.metrics.peak_error[: int(n)], 0.95) for n in sample_counts]
     np.testing.assert_allclose(values, [each.value for each in expected])
     # With few samples, the quantile has no confidence interval.
-    known = np.isfinite([each.high for each in expected])
+    has_interval = np.isfinite([each.high for each in expected])
     corners = right.collections[0].get_paths()[-1].vertices
     assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
-    assert known.any()
+    assert has_interval.any()
     assert right.get_title(loc="left") == "95 % quantile"
     assert left.get_ylabel() == right.get_ylabel() == "peak error (cm)"
 
@@ -136,35 +136,35 @@ def test_crashes_count_as_the_smallest_values_if_larger_values_of_a_metric_are_b
 
 @pytest.mark.parametrize("values", [[math.inf] * 30, [math.nan] * 30, [math.inf, 1.0] * 15])
 def test_metrics_without_a_finite_mean_are_drawn(values, tmp_path):
-    one = requirement_study(np.array(values), np.full(len(values), math.inf))
-    figure = plots.plot_convergence({"one": one}, "near")
+    result = requirement_study(np.array(values), np.full(len(values), math.inf))
+    figure = plots.plot_convergence({"one": result}, "near")
     assert "no finite value" in [text.get_text() for text in figure.axes[0].texts]
-    assert len(save_figures({"a": figure, "b": plots.plot_distribution({"one": one}, "near")}, tmp_path)) == 2
+    assert len(save_figures({"a": figure, "b": plots.plot_distribution({"one": result}, "near")}, tmp_path)) == 2
 
 
 @pytest.mark.parametrize("name", ["rmse", "crashed"])
 def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
-    found = study()
-    figure = plots.plot_influences(found, name)
+    result = study()
+    figure = plots.plot_influences(result, name)
     assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
     (axes,) = figure.axes
     colors = [patch.get_facecolor() for patch in axes.get_legend().get_patches()]
     assert [bar.get_facecolor() for bar in axes.patches[:2]] == colors
     assert axes.texts[-1].get_text().startswith("rank correlation")
-    expected = statistics.influences(found, name)
+    expected = statistics.influences(result, name)
     assert [each.path for each in expected] == [MASS_PATH, DELAY_PATH]
-    values = found.metrics.crashed if name == "crashed" else found.metrics.rmse[~found.metrics.crashed]
-    middle = np.mean(values)
-    for place, each in enumerate(expected):
-        for bar, end, offset in zip(axes.patches[2 * place : 2 * place + 2], (each.low, each.high), (-0.18, 0.18)):
+    values = result.metrics.crashed if name == "crashed" else result.metrics.rmse[~result.metrics.crashed]
+    mean = np.mean(values)
+    for index, each in enumerate(expected):
+        for bar, end, offset in zip(axes.patches[2 * index : 2 * index + 2], (each.low, each.high), (-0.18, 0.18)):
             ends = sorted([bar.get_x(), bar.get_x() + bar.get_width()])
-            np.testing.assert_allclose(ends, sorted([middle, end.value]))
-            assert bar.get_y() + 0.5 * bar.get_height() == pytest.approx(place + offset)
-        for line, end, offset in zip(axes.lines[2 * place : 2 * place + 2], (each.low, each.high), (-0.18, 0.18)):
-            np.testing.assert_allclose(line.get_xydata(), [[end.low, place + offset], [end.high, place + offset]])
-        assert axes.texts[place].get_text().startswith(each.correlation.text(signed=True))
-        assert axes.texts[place].xy == (1.01, place)
-    assert axes.lines[-1].get_xdata()[0] == pytest.approx(middle)
+            np.testing.assert_allclose(ends, sorted([mean, end.value]))
+            assert bar.get_y() + 0.5 * bar.get_height() == pytest.approx(index + offset)
+        for line, end, offset in zip(axes.lines[2 * index : 2 * index + 2], (each.low, each.high), (-0.18, 0.18)):
+            np.testing.assert_allclose(line.get_xydata(), [[end.low, index + offset], [end.high, index + offset]])
+        assert axes.texts[index].get_text().startswith(each.correlation.text(signed=True))
+        assert axes.texts[index].xy == (1.01, index)
+    assert axes.lines[-1].get_xdata()[0] == pytest.approx(mean)
     # The parameter with the largest influence is at the top.
     low, high = axes.get_ylim()
     assert (low, high) == (1.5, -0.5)
@@ -175,9 +175,9 @@ def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
 
 
 def test_a_tornado_shows_at_most_sixteen_fields():
-    found = study()
+    result = study()
     rng = np.random.default_rng(2)
-    crowd = {
+    parameters = {
         path: rng.uniform(size=NUM_SAMPLES)
         for path in (
             *(f"vehicle.inertia.{i}" for i in range(3)),
@@ -189,36 +189,38 @@ def test_a_tornado_shows_at_most_sixteen_fields():
             "vehicle.mass",
         )
     }
-    large = Study(found.scenario, 10.0, found.samples, crowd, found.metrics)
+    large = Study(result.scenario, 10.0, result.samples, parameters, result.metrics)
     (axes,) = plots.plot_influences(large).axes
-    assert len(crowd) > 16
+    assert len(parameters) > 16
     assert len(axes.patches) == 32
     assert len(axes.get_yticks()) == 16
 
 
 def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     """Each point is at the median of its bin. Vertical bars show its interval, and horizontal bars show its bin."""
-    found = study()
-    (axes,) = plots.plot_crash_probability(found, MASS_PATH, num_bins=8).axes
-    levels = statistics.crash_bins(found, MASS_PATH, num_bins=8)
+    result = study()
+    (axes,) = plots.plot_crash_probability(result, MASS_PATH, num_bins=8).axes
+    levels = statistics.crash_bins(result, MASS_PATH, num_bins=8)
     points = next(line for line in axes.lines if line.get_marker() == "o")
     np.testing.assert_allclose(points.get_xydata(), [[each.middle, each.probability.value] for each in levels])
-    upright, across = axes.containers
-    for level, segment, wide in zip(
-        levels, upright.lines[2][0].get_segments(), across.lines[2][0].get_segments(), strict=True
+    vertical_bars, horizontal_bars = axes.containers
+    for level, vertical_segment, horizontal_segment in zip(
+        levels, vertical_bars.lines[2][0].get_segments(), horizontal_bars.lines[2][0].get_segments(), strict=True
     ):
         np.testing.assert_allclose(
-            segment, [[level.middle, level.probability.low], [level.middle, level.probability.high]]
+            vertical_segment, [[level.middle, level.probability.low], [level.middle, level.probability.high]]
         )
-        np.testing.assert_allclose(wide, [[level.low, level.probability.value], [level.high, level.probability.value]])
-    assert points.get_label() == f"robustness: {statistics.crash_probability(found.metrics).percent()} of 200 samples"
+        np.testing.assert_allclose(
+            horizontal_segment, [[level.low, level.probability.value], [level.high, level.probability.value]]
+        )
+    assert points.get_label() == f"robustness: {statistics.crash_probability(result.metrics).percent()} of 200 samples"
     assert [line for line in axes.lines if len(line.get_xdata()) == 2][-1].get_ydata()[0] == 0.15
     assert axes.get_xlabel() == "vehicle mass (kg)"
     # The default is the parameter with the largest influence on crashes.
-    assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "vehicle mass (kg)"
-    none = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
+    assert plots.plot_crash_probability(result).axes[0].get_xlabel() == "vehicle mass (kg)"
+    study_without_parameters = Study(result.scenario, 10.0, result.samples, {}, result.metrics)
     with pytest.raises(InputError, match="no random parameter"):
-        plots.plot_crash_probability(none)
+        plots.plot_crash_probability(study_without_parameters)
 
 
 def test_controllers_with_equal_values_are_drawn_side_by_side():
@@ -233,8 +235,8 @@ def test_controllers_with_equal_values_are_drawn_side_by_side():
     shifts = [(line.get_transform().transform([[0.0, 0.0]])[0] - data) * 72.0 / figure.dpi for line in points]
     np.testing.assert_allclose(shifts, [[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]], atol=1e-9)
     assert axes.xaxis.get_major_locator()._integer
-    alone = plots.plot_crash_probability(studies["a"], MASS_PATH).axes[0]
-    assert not getattr(alone.xaxis.get_major_locator(), "_integer", False)
+    single_axes = plots.plot_crash_probability(studies["a"], MASS_PATH).axes[0]
+    assert not getattr(single_axes.xaxis.get_major_locator(), "_integer", False)
 
 
 @pytest.mark.parametrize(
@@ -258,11 +260,11 @@ def test_labels_of_metrics_have_units(name, label):
 
 
 def test_axes_are_logarithmic_if_medians_differ_by_more_than_a_factor_of_ten():
-    found = study()
-    worse = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=20.0 * found.metrics.rmse))
-    twice = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=2.0 * found.metrics.rmse))
-    assert plots.plot_distribution({"a": found, "b": worse}).axes[0].get_xscale() == "log"
-    assert plots.plot_distribution({"a": found, "b": twice}).axes[0].get_xscale() == "linear"
+    result = study()
+    worse = Study(result.scenario, 10.0, result.samples, {}, result.metrics._replace(rmse=20.0 * result.metrics.rmse))
+    doubled = Study(result.scenario, 10.0, result.samples, {}, result.metrics._replace(rmse=2.0 * result.metrics.rmse))
+    assert plots.plot_distribution({"a": result, "b": worse}).axes[0].get_xscale() == "log"
+    assert plots.plot_distribution({"a": result, "b": doubled}).axes[0].get_xscale() == "linear"
 
 
 @pytest.mark.parametrize(("signal", "scale"), [("tilt", "log"), ("yaw_error", "linear")])
@@ -308,17 +310,17 @@ def test_a_comparison_shows_every_sample_of_each_controller():
     first, second = plot_comparison(flights).axes
     for axes, name in ((first, "calm"), (second, "wind")):
         assert axes.get_title() == name
-        for place, (metrics, dots) in enumerate(
+        for row, (metrics, points) in enumerate(
             zip(flights[name].values(), [line for line in axes.lines if line.get_marker() == "."], strict=True)
         ):
             errors = 100.0 * metrics.rmse[~metrics.crashed]
-            np.testing.assert_allclose(dots.get_xdata(), errors)
+            np.testing.assert_allclose(points.get_xdata(), errors)
             if len(errors):
-                np.testing.assert_allclose(dots.get_ydata(), place + np.linspace(-0.22, 0.22, len(errors)))
+                np.testing.assert_allclose(points.get_ydata(), row + np.linspace(-0.22, 0.22, len(errors)))
         means = [line for line in axes.lines if line.get_marker() != "."]
         expected = [
-            (100.0 * metrics.rmse[~metrics.crashed].mean(), place)
-            for place, metrics in enumerate(flights[name].values())
+            (100.0 * metrics.rmse[~metrics.crashed].mean(), row)
+            for row, metrics in enumerate(flights[name].values())
             if not metrics.crashed.all()
         ]
         np.testing.assert_allclose([line.get_xydata()[0] for line in means], expected)
@@ -332,7 +334,7 @@ def test_a_comparison_shows_every_sample_of_each_controller():
     assert first.get_ylim() == (1.5, -0.5)
     large = plot_comparison({"gale": {"a": study().metrics._replace(rmse=np.full(NUM_SAMPLES, 0.126))}}).axes[0]
     assert large.texts[0].get_text().startswith("13 cm")
-    one = plot_comparison({"gale": {"a": no_crash(count=1).metrics}}).axes[0]
-    np.testing.assert_array_equal(one.lines[0].get_ydata(), [0.0])
-    two = plot_comparison({"gale": {"a": no_crash(count=2).metrics}}).axes[0]
-    np.testing.assert_allclose(two.lines[0].get_ydata(), [-0.22, 0.22])
+    axes_of_one_sample = plot_comparison({"gale": {"a": no_crash(count=1).metrics}}).axes[0]
+    np.testing.assert_array_equal(axes_of_one_sample.lines[0].get_ydata(), [0.0])
+    axes_of_two_samples = plot_comparison({"gale": {"a": no_crash(count=2).metrics}}).axes[0]
+    np.testing.assert_allclose(axes_of_two_samples.lines[0].get_ydata(), [-0.22, 0.22])

@@ -1,4 +1,4 @@
-"""Figures have the style of the project and are written reproducibly."""
+"""Tests that figures have the style of the project and are written reproducibly."""
 
 from typing import get_args
 
@@ -11,7 +11,7 @@ from drake_quad.visualization import style
 from drake_quad.visualization.style import Vector, new_figure, save_figures, shading, use_style
 
 
-def drawn():
+def example_figure():
     with use_style():
         figure = new_figure(3.0, 2.0)
         axes = figure.subplots()
@@ -24,24 +24,24 @@ def drawn():
 @pytest.mark.long
 @pytest.mark.parametrize("vector", get_args(Vector))
 def test_a_requested_vector_drawing_is_written_reproducibly(vector, tmp_path):
-    files = save_figures({"line": drawn()}, tmp_path, vector=vector)
+    files = save_figures({"line": example_figure()}, tmp_path, vector=vector)
     assert [file.name for file in files] == ["line.png", f"line.{vector}"]
     first = files[1].read_bytes()
     assert first.startswith({"pdf": b"%PDF", "svg": b"<?xml"}[vector])
-    assert save_figures({"line": drawn()}, tmp_path, vector=vector)[1].read_bytes() == first
+    assert save_figures({"line": example_figure()}, tmp_path, vector=vector)[1].read_bytes() == first
 
 
 @pytest.mark.slow
 def test_a_pdf_has_truetype_fonts(tmp_path):
-    text = save_figures({"line": drawn()}, tmp_path, vector="pdf")[1].read_bytes()
+    text = save_figures({"line": example_figure()}, tmp_path, vector="pdf")[1].read_bytes()
     assert b"/FontFile2" in text
     assert b"/Type3" not in text
 
 
 def test_drawing_leaves_the_matplotlib_settings_unchanged():
-    before = dict(matplotlib.rcParams)
-    drawn()
-    assert dict(matplotlib.rcParams) == before
+    settings = dict(matplotlib.rcParams)
+    example_figure()
+    assert dict(matplotlib.rcParams) == settings
 
 
 def test_colours_agree_with_okabe_and_ito():

@@ -1,4 +1,4 @@
-"""The Meshcat visualizer shows poses, rotors, wind and trail of a simulation in diagrams of plain Drake."""
+"""Tests that the Meshcat visualizer shows poses, rotors, wind and trail in diagrams of plain Drake."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ HOVER = load_scenario("hover")
 VEHICLE_STATE = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
 
 
-def shown(time, scenario=HOVER, **constants):
+def shown_scene(time, scenario=HOVER, **constants):
     """Return a scene after the visualizer has shown constant signals until a given time, s."""
     builder, scene = DiagramBuilder(), Recording()
     visualizer = QuadrotorVisualizer.add_to_builder(builder, scene, scenario, name="mine")
@@ -31,7 +31,7 @@ def shown(time, scenario=HOVER, **constants):
 
 
 def test_only_the_vehicle_is_shown_if_only_the_state_is_connected():
-    scene = shown(0.1, state=VEHICLE_STATE)
+    scene = shown_scene(0.1, state=VEHICLE_STATE)
     pose = scene.poses["/mine"]
     np.testing.assert_allclose(pose.translation(), [1.0, -2.0, 3.0])
     np.testing.assert_allclose(pose.rotation().matrix(), RollPitchYaw(0.1, -0.2, 0.3).ToRotationMatrix().matrix())
@@ -40,7 +40,7 @@ def test_only_the_vehicle_is_shown_if_only_the_state_is_connected():
 
 def test_rotors_turn_in_their_directions_at_a_tenth_of_their_speeds():
     speeds = np.array([10.0, 20.0, 30.0, 40.0])
-    scene = shown(0.5, state=VEHICLE_STATE, rotor_speed=speeds)
+    scene = shown_scene(0.5, state=VEHICLE_STATE, rotor_speed=speeds)
     for i, (rotor, speed) in enumerate(zip(Frame.of(HOVER.vehicle).rotors, speeds, strict=True), start=1):
         angle = 0.1 * rotor.direction * speed * 0.5
         turned = scene.poses[f"/mine/rotor_{i}"].rotation().matrix()
@@ -50,7 +50,7 @@ def test_rotors_turn_in_their_directions_at_a_tenth_of_their_speeds():
 def test_a_point_shows_the_reference_and_an_arrow_the_wind():
     reference = np.zeros(len(Reference._fields))
     reference[:3] = [4.0, 5.0, 6.0]
-    scene = shown(0.1, state=VEHICLE_STATE, reference=reference, wind=[0.0, 3.0, 4.0])
+    scene = shown_scene(0.1, state=VEHICLE_STATE, reference=reference, wind=[0.0, 3.0, 4.0])
     np.testing.assert_allclose(scene.poses["/mine_reference"].translation(), [4.0, 5.0, 6.0])
     assert scene.objects["/mine_reference"].radius() < 0.25 * Frame.of(HOVER.vehicle).max_rotor_distance
     np.testing.assert_allclose(scene.poses["/mine_wind"].rotation().matrix()[:, 0], [0.0, 0.6, 0.8], atol=1e-12)
@@ -73,9 +73,9 @@ def test_a_flight_is_shown_32_times_per_second_with_its_trail():
     assert len(flown) == 65
     trail = [scene.meshes[f"/vehicle_trail/{i}"][0] for i in range(8)]
     # The sections of a tube are triangles around the points of the path.
-    middles = np.vstack([vertices.T.reshape(-1, 3, 3).mean(axis=1) for vertices in trail])
-    assert np.linalg.norm(middles[:, None] - flown, axis=2).min(axis=1).max() < 1e-9
-    np.testing.assert_allclose(middles[[0, -1]], flown[[0, 64]], atol=1e-9)
+    section_centres = np.vstack([vertices.T.reshape(-1, 3, 3).mean(axis=1) for vertices in trail])
+    assert np.linalg.norm(section_centres[:, None] - flown, axis=2).min(axis=1).max() < 1e-9
+    np.testing.assert_allclose(section_centres[[0, -1]], flown[[0, 64]], atol=1e-9)
     assert {"/vehicle_wind/arrow", "/vehicle_reference", "/floor"} <= {*scene.objects, *scene.meshes}
 
     # A new simulation starts without the trail of the previous one.
@@ -84,15 +84,15 @@ def test_a_flight_is_shown_32_times_per_second_with_its_trail():
     assert not scene.HasPath("/vehicle_trail")
 
 
-@pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
-def test_an_arrow_is_drawn_only_for_wind_that_is_not_drawn_as_jets(wind, blows):
+@pytest.mark.parametrize(("wind", "has_arrow"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
+def test_an_arrow_is_drawn_only_for_wind_that_is_not_drawn_as_jets(wind, has_arrow):
     scenario = load_scenario("hover", [f"laboratory.wind={wind}"])
     builder, laboratory = DiagramBuilder(), build_laboratory_diagram(scenario)
     builder.AddNamedSystem("laboratory", laboratory)
     visualizer = QuadrotorVisualizer.add_to_builder(builder, Recording(), scenario, laboratory)
     assert builder.IsConnectedOrExported(visualizer.GetInputPort("rotor_speed"))
     assert not builder.IsConnectedOrExported(visualizer.GetInputPort("reference"))
-    assert builder.IsConnectedOrExported(visualizer.GetInputPort("wind")) == blows
+    assert builder.IsConnectedOrExported(visualizer.GetInputPort("wind")) == has_arrow
 
 
 @pytest.mark.slow
@@ -122,8 +122,8 @@ def test_the_vehicle_of_the_sample_is_drawn():
     scenario = load_scenario("hover", ["sample=3", "vehicle.arm_length={choice: [0.1, 0.3]}"])
     scene = Recording()
     QuadrotorVisualizer(scene, scenario)
-    reaches = [np.hypot(*scene.poses[f"/vehicle/disc_{i}"].translation()[:2]) for i in (1, 2, 3, 4)]
-    np.testing.assert_allclose(reaches, draw_sample(scenario, 3).vehicle.arm_length)
+    arm_lengths = [np.hypot(*scene.poses[f"/vehicle/disc_{i}"].translation()[:2]) for i in (1, 2, 3, 4)]
+    np.testing.assert_allclose(arm_lengths, draw_sample(scenario, 3).vehicle.arm_length)
 
 
 @pytest.mark.slow

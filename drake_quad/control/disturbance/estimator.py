@@ -59,7 +59,7 @@ def estimate(
 
 def predict(
     corrected: tuple[Any, ...],
-    following: tuple[AxisCommand, ...],
+    modelled_response: tuple[AxisCommand, ...],
     commands: tuple[AxisCommand, ...],
     laws: tuple[Any, ...],
     lags: tuple[AxisCommand, ...],
@@ -69,13 +69,13 @@ def predict(
 
     Args:
         corrected: state of each law after the measurement of this tick.
-        following: acceleration of each axis at this tick that the model predicts as the response to earlier commands.
+        modelled_response: modelled response of each axis at this tick to earlier commands.
         commands: commands that act on the vehicle from this tick on.
         laws: law of each axis.
         lags: modelled time constants, s.
         period: tick period, s.
     """
-    responses = [response_step(*axis, period) for axis in zip(following, commands, lags, strict=True)]
+    responses = [response_step(*axis, period) for axis in zip(modelled_response, commands, lags, strict=True)]
     memory = [
         law.predict(before, ModelIncrement(velocity, distance), period)
         for law, before, (_, velocity, distance) in zip(laws, corrected, responses, strict=True)
@@ -99,7 +99,7 @@ def limited_disturbance(
 
 def next_memory(
     memory: tuple[Any, ...],
-    following: tuple[AxisCommand, ...],
+    modelled_response: tuple[AxisCommand, ...],
     in_transit: tuple[tuple[AxisCommand, ...], ...],
     measurement: State,
     command: Acceleration,
@@ -117,13 +117,13 @@ def next_memory(
         ]
     )
     arrived, next_in_transit = shift_delay_line(sent, in_transit)
-    memory, following = predict(corrected, following, arrived, parameters.laws, parameters.lags, period)
-    return memory, following, next_in_transit
+    memory, modelled_response = predict(corrected, modelled_response, arrived, parameters.laws, parameters.lags, period)
+    return memory, modelled_response, next_in_transit
 
 
 @fleet_system(float, AutoDiffXd)
 class DisturbanceEstimator(FleetSystem):
-    """Estimator of the acceleration d that is not commanded: v' = a + d.
+    """Estimator of the disturbing acceleration d on each axis: v' = a + d.
 
     .. pydrake_system::
 
@@ -143,7 +143,7 @@ class DisturbanceEstimator(FleetSystem):
     include it. `correction` and `feed_forward` are zero if not connected. The command is only sampled at the ticks, so
     that it may depend on the disturbance.
 
-    The states are `memory` (memory of the law), `following` (modelled response) and, if there is a delay,
+    The states are `memory` (memory of the law), `modelled_response` (modelled response) and, if there is a delay,
     `commands_in_transit` (commands in the delay line). The only parameter of the context is `parameters`.
 
     Args:
@@ -160,9 +160,12 @@ class DisturbanceEstimator(FleetSystem):
         correction = self.input("correction", absent=zero)
         feed_forward = self.input("feed_forward", absent=zero)
         parameter = self.parameter("parameters", lambda parameters: parameters)
-        memory, following = self.state("memory", initial_memories), self.state("following", lambda _: ZERO_COMMANDS)
+        memory, modelled_response = (
+            self.state("memory", initial_memories),
+            self.state("modelled_response", lambda _: ZERO_COMMANDS),
+        )
         in_transit = self.state("commands_in_transit", lambda _: (ZERO_COMMANDS,) * delay_ticks) if delay_ticks else ()
-        writes = memory, following, in_transit
+        writes = memory, modelled_response, in_transit
         reads = measurement, command, correction, feed_forward, parameter, period
         self.update(period, next_memory, *writes, *reads, writes=writes)
         self.output("disturbance", limited_disturbance, memory, measurement, parameter, period)

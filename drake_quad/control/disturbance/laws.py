@@ -1,4 +1,4 @@
-"""Laws that estimate the acceleration d that is not commanded, on each axis independently: v' = a + d.
+"""Laws that estimate the disturbing acceleration d on each axis independently: v' = a + d.
 
 a is the modelled response to the commands (`drake_quad.control.disturbance.response`). A law is a named tuple of its
 parameters on one axis. At every tick, the law corrects its memory with the measurement. It then predicts the memory at
@@ -155,7 +155,7 @@ def _differenced_memory_at_rest(position: Row) -> DifferencedMemory:
 
 
 def _residual(memory: DifferencedMemory, velocity: Row, period: float) -> Row:
-    """Return the mean acceleration over the last tick that the model does not explain, m/s²."""
+    """Return the mean unmodelled acceleration over the last tick, m/s²."""
     return (velocity - memory.velocity - memory.modelled) / period
 
 

@@ -36,11 +36,11 @@ class KnownAccelerations(NamedTuple):
     """Accelerations at a tick that are not part of the estimated disturbance.
 
     Attributes:
-        tilted: acceleration due to thrust and weight.
+        thrust_and_weight: acceleration due to thrust and weight, which depends on the tilt.
         learned: disturbance that a network has learned; it acts from this tick to the next.
     """
 
-    tilted: Acceleration
+    thrust_and_weight: Acceleration
     learned: Acceleration
 
 
@@ -58,7 +58,7 @@ def tilted_acceleration(measurement: State, thrust: SpecificThrust, gravity: Row
 
 def estimate_by_tilt(
     memory: tuple[Any, ...],
-    before: KnownAccelerations,
+    known_accelerations: KnownAccelerations,
     thrust: SpecificThrust,
     measurement: State,
     parameters: TiltEstimatorParameters,
@@ -68,13 +68,13 @@ def estimate_by_tilt(
 
     Args:
         memory: memory of each axis after the previous tick.
-        before: known accelerations at the previous tick.
+        known_accelerations: known accelerations at the previous tick.
         thrust: modelled thrust divided by mass at this tick.
         measurement: measured state of the vehicle.
         parameters: parameters of the estimator.
         period: tick period, s.
     """
-    tilted = tilted_acceleration(measurement, thrust, parameters.gravity)
+    thrust_and_weight = tilted_acceleration(measurement, thrust, parameters.gravity)
     # The acceleration due to thrust and weight is assumed to be linear in time between two ticks.
     predicted = tuple(
         [
@@ -87,12 +87,17 @@ def estimate_by_tilt(
                 period,
             )
             for law, corrected, first, last, learned in zip(
-                parameters.laws, memory, before.tilted, tilted, before.learned, strict=True
+                parameters.laws,
+                memory,
+                known_accelerations.thrust_and_weight,
+                thrust_and_weight,
+                known_accelerations.learned,
+                strict=True,
             )
         ]
     )
     corrected, limited = estimate(predicted, measured_on_axes(measurement), parameters.laws, parameters.limit, period)
-    return corrected, limited, tilted
+    return corrected, limited, thrust_and_weight
 
 
 def disturbance_by_tilt(*arguments: Any) -> Acceleration:
@@ -103,7 +108,7 @@ def disturbance_by_tilt(*arguments: Any) -> Acceleration:
 
 def next_tilt_states(
     memory: tuple[Any, ...],
-    before: KnownAccelerations,
+    known_accelerations: KnownAccelerations,
     thrust: SpecificThrust,
     in_transit: tuple[SpecificThrust, ...],
     measurement: State,
@@ -113,12 +118,14 @@ def next_tilt_states(
     period: float,
 ) -> Any:
     """Return the states of a `TiltDisturbanceEstimator` at the next tick."""
-    corrected, _, tilted = estimate_by_tilt(memory, before, thrust, measurement, parameters, period)
+    corrected, _, thrust_and_weight = estimate_by_tilt(
+        memory, known_accelerations, thrust, measurement, parameters, period
+    )
     up = command.z + parameters.gravity
     sent = SpecificThrust(sqrt(command.x * command.x + command.y * command.y + up * up))
     arrived, next_in_transit = shift_delay_line(sent, in_transit)
     after = SpecificThrust(lag_step(thrust.thrust, arrived.thrust, parameters.lag, period).after)
-    return corrected, KnownAccelerations(tilted, learned), after, next_in_transit
+    return corrected, KnownAccelerations(thrust_and_weight, learned), after, next_in_transit
 
 
 @fleet_system(float, AutoDiffXd)
@@ -142,9 +149,9 @@ class TiltDisturbanceEstimator(FleetSystem):
     part of the disturbance that a network already compensates, so that the estimate does not include it; it is zero if
     not connected. These two inputs are only sampled at the ticks, so that the command may depend on the disturbance.
 
-    The states are `memory` (memory of the law after the previous tick), `before` (known accelerations at the previous
-    tick), `thrust` and, if there is a delay, `thrust_in_transit` (commands in the delay line). The only parameter of
-    the context is `parameters`.
+    The states are `memory` (memory of the law after the previous tick), `known_accelerations` (known accelerations at
+    the previous tick), `thrust` and, if there is a delay, `thrust_in_transit` (commands in the delay line). The only
+    parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -160,15 +167,17 @@ class TiltDisturbanceEstimator(FleetSystem):
         learned = self.input("learned_disturbance", absent=zero)
         parameter = self.parameter("parameters", lambda parameters: parameters)
         memory = self.state("memory", initial_memories)
-        before = self.state("before", lambda _: KnownAccelerations(zero, zero))
+        known_accelerations = self.state("known_accelerations", lambda _: KnownAccelerations(zero, zero))
         thrust = self.state("thrust", _hover)
         in_transit: Any = ()
         if delay_ticks:
             in_transit = self.state("thrust_in_transit", lambda parameters: (_hover(parameters),) * delay_ticks)
-        writes = memory, before, thrust, in_transit
+        writes = memory, known_accelerations, thrust, in_transit
         reads = measurement, command, learned, parameter, period
         self.update(period, next_tilt_states, *writes, *reads, writes=writes)
-        self.output("disturbance", disturbance_by_tilt, memory, before, thrust, measurement, parameter, period)
+        self.output(
+            "disturbance", disturbance_by_tilt, memory, known_accelerations, thrust, measurement, parameter, period
+        )
 
 
 def _hover(parameters: TiltEstimatorParameters) -> SpecificThrust:

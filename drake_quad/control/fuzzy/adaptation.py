@@ -1,4 +1,4 @@
-"""Adaptation of the membership functions, which Kayacan and Maslim (2016) name as future work.
+"""Adaptation of the membership functions, which Kayacan and Maslim (2016), "the paper" below, name as future work.
 
 The weights F descend the gradient of the cost s² / 2, where s is the learning signal and ∂τ_f/∂F = W. A larger
 correction τ_f increases s; the positive gain from τ_f to s is part of the learning rate. Any other parameter θ of the
@@ -9,7 +9,7 @@ network descends the same gradient,
 Consider a family of sets, upper or lower, with membership grades μ_ki of input k in its set i, normalised grades
 μ̃_ki = μ_ki / Σ_i μ_ki and the output τ = Σ F Π_k μ̃_k. The output is linear in the normalised grades of each input:
 τ = Σ_i μ̃_ki M_ki, where M_ki is the output of only those rules that contain set i of input k. Therefore
-∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki, and with v = |x - c| / d, by (11) and (12),
+∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki. With v = |x - c| / d, eqs (11) and (12) of the paper give
 
     ∂μ/∂v = -v^(a-1) (1 - v^a)^(1/a-1)                ∂v/∂c = -sign(x - c) / d,  ∂v/∂d = -v / d
     ∂μ/∂a = μ (-ln(1 - v^a) / a² - v^a ln v / (a (1 - v^a)))
@@ -20,8 +20,9 @@ the upper output. ∂μ/∂v is minus infinity at the edge of an upper set and a
 
 After every tick the parameters are projected onto valid sets:
 
-* The outermost centres are constant, since they define the universe, or fix the sets on a circle. Each other centre
-  moves by at most a quarter of the initial gap to either neighbour, so that the order of the centres does not change.
+* The first and the last centre are constant. They define the universe or, on a circle, prevent a rotation of all sets.
+  Each other centre moves by at most a quarter of the initial gap to either neighbour, so that the order of the centres
+  does not change.
 * The sum of the widths of two neighbours is at least 1.02 times their gap, so that they overlap; the initial ratio of
   the two widths determines the lower limit of each. A width is at most the width of the universe or its initial value,
   whichever is larger.
@@ -81,58 +82,72 @@ def membership_derivatives(u: Row, exponent: Row) -> tuple[Row, Row]:
     return where(distance < 1.0, by_distance, 0.0 * u), where(distance < 1.0, by_exponent, 0.0 * u)
 
 
-class _Family(NamedTuple):
+class _FamilyOutput(NamedTuple):
     """Output of the upper or of the lower sets, and its derivatives.
 
     Attributes:
         output: output τ.
-        of_inputs: derivatives of τ with respect to the parameters of the sets of each input; zero for the scales, which
-            do not learn.
-        exponent: derivative of τ with respect to the exponent a.
+        set_derivatives: derivatives of τ with respect to the parameters of the sets of each input; zero for the scales,
+            which do not learn.
+        exponent_derivative: derivative of τ with respect to the exponent a.
     """
 
     output: Row
-    of_inputs: list[Sets]
-    exponent: Row
+    set_derivatives: list[Sets]
+    exponent_derivative: Row
 
 
-def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weights: Sequence[Row]) -> _Family:
+def _family_output(
+    values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weights: Sequence[Row]
+) -> _FamilyOutput:
     distances = [sets.distances(value) for value, sets in zip(values, inputs, strict=True)]
-    grades = [[elliptic_membership(u, exponent) for u in each] for each in distances]
-    factors = [1.0 / total(each) for each in grades]
-    fractions = [[factor * grade for grade in each] for factor, each in zip(factors, grades, strict=True)]
-    choices = itertools.product(*fractions)
-    output = total([math.prod(choice, start=weight) for weight, choice in zip(weights, choices, strict=True)])
-    of_inputs, of_exponent = [], []
-    for k, (sets, each, factor) in enumerate(zip(inputs, distances, factors, strict=True)):
-        outputs = _outputs_of_single_sets(weights, fractions, k)
-        derivatives = [(single - output) * factor for single in outputs]
-        pairs = [membership_derivatives(u, exponent) for u in each]
-        by_distance = [
-            derivative * factor_of_set for derivative, (factor_of_set, _) in zip(derivatives, pairs, strict=True)
+    grades = [[elliptic_membership(u, exponent) for u in row] for row in distances]
+    inverse_sums = [1.0 / total(row) for row in grades]
+    normalised_grades = [
+        [inverse_sum * grade for grade in row] for inverse_sum, row in zip(inverse_sums, grades, strict=True)
+    ]
+    grades_of_rules = itertools.product(*normalised_grades)
+    output = total([math.prod(row, start=weight) for weight, row in zip(weights, grades_of_rules, strict=True)])
+    set_derivatives, exponent_derivatives = [], []
+    for k, (sets, row, inverse_sum) in enumerate(zip(inputs, distances, inverse_sums, strict=True)):
+        outputs = _outputs_of_single_sets(weights, normalised_grades, k)
+        grade_derivatives = [(single - output) * inverse_sum for single in outputs]
+        slopes = [membership_derivatives(u, exponent) for u in row]
+        distance_derivatives = [
+            derivative * by_distance for derivative, (by_distance, _) in zip(grade_derivatives, slopes, strict=True)
         ]
-        signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in each]
-        of_inputs.append(
+        signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in row]
+        set_derivatives.append(
             type(sets)(
                 0.0,
-                tuple([-by * sign / d for by, sign, d in zip(by_distance, signs, sets.widths, strict=True)]),
-                tuple([-by * abs(u) / d for by, u, d in zip(by_distance, each, sets.widths, strict=True)]),
+                tuple(
+                    [
+                        -derivative * sign / d
+                        for derivative, sign, d in zip(distance_derivatives, signs, sets.widths, strict=True)
+                    ]
+                ),
+                tuple(
+                    [
+                        -derivative * abs(u) / d
+                        for derivative, u, d in zip(distance_derivatives, row, sets.widths, strict=True)
+                    ]
+                ),
             )
         )
-        of_exponent += [
-            derivative * factor_of_set for derivative, (_, factor_of_set) in zip(derivatives, pairs, strict=True)
+        exponent_derivatives += [
+            derivative * by_exponent for derivative, (_, by_exponent) in zip(grade_derivatives, slopes, strict=True)
         ]
-    return _Family(output, of_inputs, total(of_exponent))
+    return _FamilyOutput(output, set_derivatives, total(exponent_derivatives))
 
 
-def _outputs_of_single_sets(weights: Sequence[Row], fractions: Sequence[Sequence[Row]], k: int) -> list[Row]:
+def _outputs_of_single_sets(weights: Sequence[Row], normalised_grades: Sequence[Sequence[Row]], k: int) -> list[Row]:
     """Return M_ki for each set i of input k, the output of only those rules that contain this set."""
-    indices = itertools.product(*(range(len(each)) for each in fractions))
-    of_sets: list[list[Row]] = [[] for _ in fractions[k]]
-    for index, weight, choice in zip(indices, weights, itertools.product(*fractions), strict=True):
-        of_others = [fraction for other, fraction in enumerate(choice) if other != k]
-        of_sets[index[k]].append(math.prod(of_others, start=weight))
-    return [total(each) for each in of_sets]
+    indices = itertools.product(*(range(len(row)) for row in normalised_grades))
+    terms_of_sets: list[list[Row]] = [[] for _ in normalised_grades[k]]
+    for index, weight, rule_grades in zip(indices, weights, itertools.product(*normalised_grades), strict=True):
+        other_grades = [grade for number, grade in enumerate(rule_grades) if number != k]
+        terms_of_sets[index[k]].append(math.prod(other_grades, start=weight))
+    return [total(terms) for terms in terms_of_sets]
 
 
 def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Sequence[Row]) -> Antecedents:
@@ -144,23 +159,24 @@ def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Se
         weights: weights F of the rules.
     """
     a1, a2, q, inputs = antecedents
-    upper, lower = _family(values, inputs, a1, weights), _family(values, inputs, a2, weights)
+    upper = _family_output(values, inputs, a1, weights)
+    lower = _family_output(values, inputs, a2, weights)
 
     def mixed(of_upper: Row, of_lower: Row) -> Row:
         return (1.0 - q) * of_upper + q * of_lower
 
     return Antecedents(
-        (1.0 - q) * upper.exponent,
-        q * lower.exponent,
+        (1.0 - q) * upper.exponent_derivative,
+        q * lower.exponent_derivative,
         lower.output - upper.output,
         tuple(
             [
-                type(above)(
+                type(upper_sets)(
                     0.0,
-                    tuple(map(mixed, above.centres, below.centres)),
-                    tuple(map(mixed, above.widths, below.widths)),
+                    tuple(map(mixed, upper_sets.centres, lower_sets.centres)),
+                    tuple(map(mixed, upper_sets.widths, lower_sets.widths)),
                 )
-                for above, below in zip(upper.of_inputs, lower.of_inputs, strict=True)
+                for upper_sets, lower_sets in zip(upper.set_derivatives, lower.set_derivatives, strict=True)
             ]
         ),
     )
@@ -187,21 +203,26 @@ def adapt_antecedents(
     """
     a1, a2, q, inputs = antecedents
     if "exponents" in parts:
-        by = step * rates.exponents
-        a1 = _clipped(a1 - by * gradient.a1, *_UPPER_EXPONENT_RANGE)
-        a2 = _clipped(a2 - by * gradient.a2, *_LOWER_EXPONENT_RANGE)
-        q = _clipped(q - by * gradient.q, 0.0, 1.0)
+        scaled_step = step * rates.exponents
+        a1 = _clipped(a1 - scaled_step * gradient.a1, *_UPPER_EXPONENT_RANGE)
+        a2 = _clipped(a2 - scaled_step * gradient.a2, *_LOWER_EXPONENT_RANGE)
+        q = _clipped(q - scaled_step * gradient.q, 0.0, 1.0)
     if "centres" in parts:
-        by = step * rates.centres
+        scaled_step = step * rates.centres
         inputs = tuple(
-            [_with_moved_centres(*each, by) for each in zip(inputs, gradient.inputs, initial.inputs, strict=True)]
+            [
+                _with_moved_centres(*each, scaled_step)
+                for each in zip(inputs, gradient.inputs, initial.inputs, strict=True)
+            ]
         )
     if "widths" in parts:
-        by = step * rates.widths
+        scaled_step = step * rates.widths
         inputs = tuple(
             [
                 sets._replace(
-                    widths=tuple([d - by * of_d for d, of_d in zip(sets.widths, gradients.widths, strict=True)])
+                    widths=tuple(
+                        [d - scaled_step * slope for d, slope in zip(sets.widths, gradients.widths, strict=True)]
+                    )
                 )
                 for sets, gradients in zip(inputs, gradient.inputs, strict=True)
             ]
@@ -215,17 +236,17 @@ def _clipped(value: Row, lower: Row, upper: Row) -> Row:
     return maximum(minimum(value, upper), lower)
 
 
-def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
+def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, scaled_step: Row) -> Sets:
     """Return the sets after a gradient step of the inner centres, whose displacements are limited."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
     moved_centres = [
         _clipped(
-            c - by * of_c,
+            c - scaled_step * slope,
             initial_centre - _MAX_DISPLACEMENT * (initial_centre - before),
             initial_centre + _MAX_DISPLACEMENT * (after - initial_centre),
         )
-        for (c, of_c), ((before, initial_centre), (_, after)) in zip(
+        for (c, slope), ((before, initial_centre), (_, after)) in zip(
             inner, itertools.pairwise(itertools.pairwise(initial.centres)), strict=True
         )
     ]
@@ -233,27 +254,27 @@ def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> S
 
 
 def _with_valid_widths(sets: Sets, initial: Sets) -> Sets:
-    """Return the sets with their widths clipped to the limits in the docstring of the module."""
+    """Return the sets with their widths clipped such that neighbours overlap and no set is too wide."""
     first, *_, last = sets.centres
     first_width, *_ = initial.widths
     # Each gap requires a minimum width of the set before it and of the set after it. On a circle, the last gap is
     # followed by the first set.
-    after: list[Row] = []
-    before: list[Row] = []
+    minima_by_next_gap: list[Row] = []
+    minima_by_previous_gap: list[Row] = []
     for gap, (left_width, right_width) in zip(
         sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False
     ):
         fraction = _MIN_OVERLAP * gap / (left_width + right_width)
-        after.append(fraction * left_width)
-        before.append(fraction * right_width)
-    if len(after) < len(sets.widths):
-        after.append(0.0)
-        before.append(0.0)
-    *of_others, of_first = before
+        minima_by_next_gap.append(fraction * left_width)
+        minima_by_previous_gap.append(fraction * right_width)
+    if len(minima_by_next_gap) < len(sets.widths):
+        minima_by_next_gap.append(0.0)
+        minima_by_previous_gap.append(0.0)
+    *others, first_minimum = minima_by_previous_gap
     widths = [
-        _clipped(width, maximum(of_low, of_high), maximum(initial_width, last - first))
-        for width, initial_width, of_low, of_high in zip(
-            sets.widths, initial.widths, [of_first, *of_others], after, strict=True
+        _clipped(width, maximum(previous_minimum, next_minimum), maximum(initial_width, last - first))
+        for width, initial_width, previous_minimum, next_minimum in zip(
+            sets.widths, initial.widths, [first_minimum, *others], minima_by_next_gap, strict=True
         )
     ]
     return sets._replace(widths=tuple(widths))

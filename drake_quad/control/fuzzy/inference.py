@@ -11,8 +11,8 @@ Equation numbers refer to Kayacan and Maslim (2016), called "the paper" below:
 The networks of the paper have two inputs, e and ė. This module supports any number of inputs, each with any number of
 sets, and a rule for every combination of sets. The memberships are normalised for each input separately, which is
 equivalent since Σ_ij w_ij = Σ_i μ_1i Σ_j μ_2j. With μ̃ = μ / Σ μ the firing strengths are
-W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, and τ_f = Fᵀ W. The number of memberships to compute
-is therefore the sum of the numbers of sets, not their product.
+W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, and τ_f = Fᵀ W. A membership is therefore computed once
+for each set of each input, not once for each rule.
 
 Outside all sets, (10) is 0 / 0. Inputs are therefore clamped to the universe, the range from the first centre to the
 last. The universe of a circular input has no ends: x - c is then the shorter difference around the circle.
@@ -36,7 +36,7 @@ class FuzzySets(NamedTuple):
     """Fuzzy sets of one input.
 
     Attributes:
-        scale: factor on the input, in the inverse of the unit of the input.
+        scale: factor by which the input is multiplied, in the inverse of the unit of the input.
         centres: centre c of each set, ascending.
         widths: width d of each set.
     """
@@ -46,7 +46,10 @@ class FuzzySets(NamedTuple):
     widths: tuple[Number, ...] = (1.0, 1.0, 1.0)
 
     def distances(self, value: Row) -> list[Row]:
-        """Return the distances u of an input from all sets, with x clamped to the range between the outer centres."""
+        """Return the distance u of an input from the centre of each set, relative to the width of the set.
+
+        The scaled input x is clamped to the range from the first centre to the last.
+        """
         first, *_, last = self.centres
         x = minimum(maximum(self.scale * value, first), last)
         return [(x - c) * (1.0 / d) for c, d in zip(self.centres, self.widths, strict=True)]
@@ -61,7 +64,8 @@ class CircularSets(NamedTuple):
     """Fuzzy sets of a circular input, whose values 0 and 1 are the same point.
 
     Attributes:
-        scale: factor on the input, which is the circumference of the circle of sets.
+        scale: factor by which the input is multiplied. The input has the period 1, so the scaled input has the period
+            `scale`, which is the circumference of the circle.
         centres: centre c of each set, ascending, all within one circumference.
         widths: width d of each set.
     """
@@ -71,7 +75,10 @@ class CircularSets(NamedTuple):
     widths: tuple[Number, ...] = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
 
     def distances(self, value: Row) -> list[Row]:
-        """Return the distances u of an input from all sets, the shorter way around the circle."""
+        """Return the distance u of an input from the centre of each set, relative to the width of the set.
+
+        The distance is measured along the shorter arc of the circle.
+        """
         differences = [value - c * (1.0 / self.scale) for c in self.centres]
         return [
             (difference - nearest(difference)) * (self.scale * (1.0 / d))
@@ -125,7 +132,7 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
 def firing_strengths(values: Sequence[Row], antecedents: Antecedents) -> tuple[Row, ...]:
     """Return the normalised firing strengths W of the R rules.
 
-    There is a rule for each combination of sets. From each rule to the next, the set of the last input changes first.
+    There is a rule for each combination of sets. In the order of the rules, the set of the last input varies fastest.
 
     Args:
         values: values of the inputs, each in its unit.

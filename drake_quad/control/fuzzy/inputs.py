@@ -1,9 +1,10 @@
 """Inputs of a network's rules.
 
-`error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis of the network. `x` to `v_z` are the
-measured position and velocity in W; with these inputs, a network learns a map of the disturbance in space. `phase` is
-the fraction of the route, or of the current lap, that is completed according to the schedule, from 0 to 1; with this
-input, a network learns a function of time. Since the laps follow each other, the sets of `phase` may lie on a circle.
+`error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis that the network corrects. `x`, `y`,
+`z`, `v_x`, `v_y` and `v_z` are the measured position and velocity in W. With these inputs, a network learns a map of
+the disturbance in space. `phase` is the fraction of the route, or of the current lap, that is completed according to
+the schedule, from 0 to 1. With this input, a network learns a function of time. Since the laps follow each other, the
+sets of `phase` may lie on a circle.
 """
 
 import itertools

@@ -30,13 +30,13 @@ Rows = tuple[Row, ...]
 class LearningLaw(Protocol):
     """Interface of all learning laws. A law is a named tuple of its parameters.
 
-    A law learns from one of two signals: s_p of eq (15) in m/s, or the feedback τ_c in m/s². The units of gains are
-    documented for s_p; those of `SignLaw` are documented for τ_c.
+    A law learns from one of two signals: s_p of eq (15) in m/s, or the feedback in m/s² (τ_c minus the estimated
+    disturbance). The units of gains are documented for s_p, except in `SignLaw`, which learns from the feedback.
     """
 
     @property
     def memory_name(self) -> str:
-        """Name of the system's states that hold the memory."""
+        """Name of the state of `WeightLearning` that holds the memory."""
 
     def memory(self, num_rules: int) -> Rows:
         """Return the initial memory."""
@@ -74,7 +74,7 @@ class CovarianceLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Name of the system's states that hold P."""
+        """Name of the state that holds P."""
         return "covariance"
 
     def memory(self, num_rules: int) -> Rows:
@@ -125,7 +125,7 @@ class GradientLaw(NamedTuple):
 
 
 class SignLaw(NamedTuple):
-    """Law from other papers by the same research group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
+    """Sliding-mode law from other papers by Kayacan's group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
 
     The memory is α, m/s³.
 
@@ -139,7 +139,7 @@ class SignLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Name of the system's state that holds α."""
+        """Name of the state that holds α."""
         return "slope"
 
     def memory(self, num_rules: int) -> Rows:

@@ -1,4 +1,4 @@
-"""The fuzzy network as Drake systems."""
+"""The fuzzy network as Drake systems. Equation numbers refer to Kayacan and Maslim (2016)."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -223,15 +223,13 @@ def learning_step(
     law, (limit, deadzone, leakage) = parameters.law, parameters.limits
     decay, is_reset = exp(-leakage * period), _is_at_tick(time, reset_ticks, period)
     after = []
-    for axis, f, remembered, w in zip(axes, weights, memory, firing, strict=True):
+    for axis, f, axis_memory, w in zip(axes, weights, memory, firing, strict=True):
         signal = signal_of(axis, parameters, *signals)
-        remembered_or_reset = where(is_reset, law.memory(len(f)), remembered)
+        memory_before = where(is_reset, law.memory(len(f)), axis_memory)
         learning_signal = with_deadzone(signal, deadzone)
-        f_after, memory_after = law.step(
-            tuple([decay * f_i for f_i in f]), remembered_or_reset, w, learning_signal, period
-        )
+        f_after, memory_after = law.step(tuple([decay * f_i for f_i in f]), memory_before, w, learning_signal, period)
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
-    return tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
+    return tuple([f for f, _ in after]), tuple([axis_memory for _, axis_memory in after])
 
 
 def with_deadzone(signal: Row, deadzone: Row) -> Row:

@@ -3,8 +3,8 @@
 Along X and Y the vehicle is accelerated by the horizontal specific thrust s, which depends on the attitude. Without an
 autopilot the command u is a snap, which the torques produce with the lag T of the rotors. With an autopilot the command
 is an acceleration, an angle times g. In the simpler model with an autopilot, the attitude follows this command with a
-second-order lag. In the other one, the on-board loops command an angular acceleration, which is reached with the lag of
-the rotors:
+second-order lag. In the model with rotor lag, the on-board loops command an angular acceleration, which is reached with
+this lag:
 
     p' = v    v' = s + d₁ + d₂    s' = j
 
@@ -34,7 +34,8 @@ import scipy
 
 from drake_quad.signals import Row
 
-# The fields of a chain are its states, in units of metres and seconds. The class of a chain identifies its model.
+# A chain is the state of the model on one axis: the chain of integrators from the command to the position, and the
+# disturbances. All units are metres and seconds. The class of a chain identifies its model.
 
 
 class TorqueChain(NamedTuple):

@@ -18,7 +18,8 @@ class AxisLoop(NamedTuple):
         L: gain of the filter, with a column for each measured quantity.
         K: gain of the regulator.
         K_pending: gains on the commands in transit, the oldest first.
-        outer: divisor k that converts gains in K to gains of an outer loop; see `axis_loop`.
+        outer_divisor: divisor k of K: the gains of the outer loop, which commands an acceleration, are K / k; see
+            `axis_loop`.
     """
 
     A: tuple[Any, ...]
@@ -26,7 +27,7 @@ class AxisLoop(NamedTuple):
     L: tuple[Any, ...]
     K: Any
     K_pending: tuple[Row, ...]
-    outer: Row
+    outer_divisor: Row
 
 
 class Timing(NamedTuple):
@@ -79,7 +80,7 @@ class Regulator(NamedTuple):
     """Regulator u = -K x of an axis, with x⁺ = A x + B u over a tick.
 
     Attributes:
-        A: system matrix, row by row. The last of the n states are the commands in transit, the oldest first.
+        A: (n, n) system matrix, row by row. The last states are the commands in transit, the oldest first.
         B: (n,) input matrix.
         K: (n,) gain.
         weight: w; a command u = -K x + c increases the cost by w c².
@@ -112,9 +113,10 @@ def design_regulator(model: ContinuousModel, timing: Timing, command_weight: flo
 def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, command_weight: float) -> AxisLoop:
     """Design filter and regulator of an axis.
 
-    `design_regulator` designs the regulator. In equilibrium u is zero for a `TorqueChain`, and equal to the specific
-    thrust s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k, with
-    k = K_s for a `TorqueChain`, and k = 1 + K_s + ΣK_pending for the other chains.
+    `design_regulator` designs the regulator. For constant deviations of p, v and d, the regulated chain settles at a
+    specific thrust s. There, u is zero for a `TorqueChain` and equals s for the other chains. From u = -K x it follows
+    that s = -(K_p p + K_v v + K_d d) / k. The divisor k is K_s for a `TorqueChain`, and 1 + K_s + ΣK_pending for the
+    other chains.
 
     Args:
         model: model of the chain.
@@ -129,7 +131,7 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
     A, B = discretise(model.A, model.B, timing.frame)
     L = kalman_gain(A, model.C, discretise_noise(model.A, model.Q, timing.frame), np.diag(noise**2))
     if not np.abs(np.linalg.eigvals(A - A @ L @ model.C)).max() < 1.0:
-        raise np.linalg.LinAlgError("the filter is unstable")
+        raise np.linalg.LinAlgError("the Kalman filter is unstable")
     K = design_regulator(model, timing, command_weight).K
     record = model.kind
     on_state, pending = record(*K[:n]), K[n:]
@@ -140,5 +142,5 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
         L=tuple(record(*column) for column in L.T.tolist()),
         K=on_state,
         K_pending=pending,
-        outer=on_state.thrust + pending_fraction,
+        outer_divisor=on_state.thrust + pending_fraction,
     )

@@ -204,7 +204,7 @@ class RegulatorOutput(NamedTuple):
     Attributes:
         command: command u.
         deviation: deviation δu of the command from its feed-forward.
-        acceleration: command expressed as the acceleration that an outer loop would command.
+        acceleration: commanded acceleration. If torques are sent, its horizontal part is that of the outer loop.
         upward: vertical specific thrust f̄, m/s².
     """
 
@@ -218,7 +218,7 @@ def estimator_step(
     measurement: State,
     before: KalmanState,
     sent: SentCommands,
-    known: Acceleration | None,
+    known_disturbance: Acceleration | None,
     parameters: LqgParameters,
     period: float,
     loses_frames: bool,
@@ -229,26 +229,26 @@ def estimator_step(
         measurement: last available frame, taken one period ago.
         before: state of the filter.
         sent: commands that were sent at earlier ticks.
-        known: known part of the disturbing acceleration; None if no part is known.
+        known_disturbance: known part of the disturbing acceleration; None if no part is known.
         parameters: parameters of the controller.
         period: frame period h, s.
         loses_frames: True if a frame whose x equals the previous x counts as lost.
     """
     last, (u_x, u_y, u_z) = before.estimate, next(iter(sent.commands))
     s_x, s_y = _level_thrust(measurement, sent.upward)
-    fresh = True if not loses_frames else measurement.x != before.last_x
+    is_new_frame = True if not loses_frames else measurement.x != before.last_x
     lateral, vertical = parameters.lateral, parameters.vertical
-    x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
-    y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
-    z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
+    x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), is_new_frame, u_x, lateral)
+    y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), is_new_frame, u_y, lateral)
+    z = _filtered(last.z, (measurement.z - last.z.position,), is_new_frame, u_z, vertical)
     # The chains along X and Y are based on f̄ instead of the vertical specific thrust. The horizontal acceleration due
     # to the difference is added here.
     excess = (parameters.thrust.gravity + last.z.thrust) / sent.upward - 1.0
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z
     )
-    if known is not None:
-        chains = zip(after, known, strict=True)
+    if known_disturbance is not None:
+        chains = zip(after, known_disturbance, strict=True)
         after = Estimate._make(_accelerated(chain, acceleration, period) for chain, acceleration in chains)
     return where(before.has_started != 0.0, after, _at_rest(measurement, after))
 
@@ -278,8 +278,8 @@ def regulator_output(
         snap: snap of the reference.
         sent: commands that were sent at earlier ticks.
         correction: acceleration that is subtracted; None without a correction.
-        perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are saturated
-            at the limit instead.
+        perturbation: addition to the commands, which keeps the tilt within its limit; None to saturate the commands at
+            this limit instead.
         parameters: parameters of the controller. If `torques` is None, the horizontal command is an acceleration.
         tick: control period, s.
     """
@@ -305,9 +305,12 @@ def regulator_output(
         )
         if perturbation is None:
             a_x, a_y = _limited_horizontal(total_x, total_y, limits)
-            u_x, u_y = u_x - lateral.outer * (total_x - a_x), u_y - lateral.outer * (total_y - a_y)
+            u_x, u_y = u_x - lateral.outer_divisor * (total_x - a_x), u_y - lateral.outer_divisor * (total_y - a_y)
         else:
-            a_x, a_y = total_x + perturbation.x / lateral.outer, total_y + perturbation.y / lateral.outer
+            a_x, a_y = (
+                total_x + perturbation.x / lateral.outer_divisor,
+                total_y + perturbation.y / lateral.outer_divisor,
+            )
         u_x, u_y = minimum(maximum(u_x, -max_snap), max_snap), minimum(maximum(u_y, -max_snap), max_snap)
     else:
         a_x, a_y = u_x, u_y = _limited_horizontal(u_x, u_y, limits)
@@ -403,7 +406,9 @@ def target_from_acceleration(
 def deviations(
     estimate: Estimate, reference: Reference, acceleration: Acceleration, jerk: Jerk, snap: Snap
 ) -> Estimate:
-    """Return the deviations of the chains from the reference; the reference of a disturbance is zero.
+    """Return the deviations of the chains from the reference.
+
+    Disturbances have no reference, so their deviations are the estimated disturbances.
 
     Args:
         estimate: current estimate.
@@ -460,11 +465,12 @@ def position_error_rate(estimate: Estimate, reference: Reference) -> PositionErr
 def outer_feedback(error: PositionError, rate: PositionErrorRate, parameters: LqgParameters) -> Acceleration:
     """Return the acceleration that the regulator commands for position and velocity errors.
 
-    It is (K_p e + K_v ė) / k, where k is the gain `outer` of the loop on the acceleration.
+    It is (K_p e + K_v ė) / k, where k is the gain of the loop on the acceleration, `outer_divisor`.
     """
     loops = parameters.lateral, parameters.lateral, parameters.vertical
     return Acceleration._make(
-        (loop.K.position * e + loop.K.velocity * v) / loop.outer for loop, e, v in zip(loops, error, rate, strict=True)
+        (loop.K.position * e + loop.K.velocity * v) / loop.outer_divisor
+        for loop, e, v in zip(loops, error, rate, strict=True)
     )
 
 
@@ -487,9 +493,9 @@ def _deviation(chain: Any, *motion: Row) -> Any:
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 
 
-def _filtered(chain: Any, innovation: Sequence[Row], fresh: bool, u: Row, loop: AxisLoop) -> Any:
-    """Return the chain one frame later, given the innovation of the current frame."""
-    used_innovation = [where(fresh, row, 0.0) for row in innovation]
+def _filtered(chain: Any, innovation: Sequence[Row], is_new_frame: bool, u: Row, loop: AxisLoop) -> Any:
+    """Return the chain one frame later; the innovation is ignored if the frame was lost."""
+    used_innovation = [where(is_new_frame, row, 0.0) for row in innovation]
     corrected = [row + dot(gains, used_innovation) for row, *gains in zip(chain, *loop.L, strict=True)]
     return chain._make(dot(row, corrected) + gain * u for row, gain in zip(loop.A, loop.B, strict=True))
 
@@ -522,9 +528,9 @@ def _feedback(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
 
 
 def _outer_feedback(e: Any, loop: AxisLoop) -> Row:
-    """Return the part of K e that depends on position, velocity and disturbances, as an acceleration."""
+    """Return the outer loop's acceleration: the part of K e for position, velocity and disturbances, divided by k."""
     names = "position", "velocity", "first", "second", "second_rate"
-    return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
+    return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer_divisor
 
 
 def _limited_horizontal(x: Row, y: Row, limits: ThrustParameters) -> tuple[Row, Row]:

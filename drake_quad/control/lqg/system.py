@@ -158,8 +158,8 @@ class LinearQuadraticGaussian(FleetSystem):
     limits (`drake_quad.control.mpc.system`). From `deviation`, the state that the regulator feeds back, this system
     computes `perturbation`, which is added to the commands.
 
-    The states are `filter`, `sent` and, with the port `learned_disturbance`, `known`. The only parameter of the context
-    is `parameters`.
+    The states are `filter`, `sent` and, with the port `learned_disturbance`, `known_disturbance`. The only parameter of
+    the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -189,15 +189,15 @@ class LinearQuadraticGaussian(FleetSystem):
         snap = self.input("reference_snap", absent=Snap(0.0, 0.0, 0.0, 0.0))
         parameter = self.parameter("parameters", lambda parameters: parameters)
         before, sent = self.state("filter", _initial_filter), self.state("sent", SentCommands.hovering)
-        correction = known = perturbation = None
+        correction = known_disturbance = perturbation = None
         if takes_correction:
             correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
-            known = self.state("known", _no_acceleration)
+            known_disturbance = self.state("known_disturbance", _no_acceleration)
             learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
-            self.update(period, identity, learned, writes=[known])
+            self.update(period, identity, learned, writes=[known_disturbance])
         if takes_perturbation:
             perturbation = self.input("perturbation", layout=layout_of(ChainCommands))
-        filter_inputs = measurement, before, sent, known, parameter, period, loses_frames
+        filter_inputs = measurement, before, sent, known_disturbance, parameter, period, loses_frames
         regulator_inputs = reference, jerk, snap, correction, perturbation, tick, *filter_inputs
         self.update(period, laws.filter_step, *filter_inputs, writes=[before])
         self.update(tick, _next_sent, *regulator_inputs, writes=[sent])

@@ -1,16 +1,19 @@
 """Constraints of a model predictive controller over its horizon.
 
-A constraint bounds a weighted sum y of states or commands of one or two axes at each tick. Its bound is the difference
-between a limit and the reference:
+A constraint bounds the deviation y of a state or of a command from the reference, at each tick. The bound is a limit
+minus the value on the reference:
 
-    snap        ±(u_ff + y) <= max                     of the commands, if torques are sent
-    tilt        n·(a_r - τ_f + y) <= g tan θ cos(π/m)  of the specific thrust; of the commands with an autopilot
-    thrust      -(u_ff - τ_f + y) <= g - F_min / M,    u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
-    corridor    ±(p_r + y) <= ±walls                   or ±y <= half its width
+    snap        ±(u_ff + y) <= max                     y is a horizontal command; only if torques are sent
+    tilt        n·(a_r - τ_f + y) <= g tan θ cos(π/m)  y is the horizontal specific thrust, if torques are sent
+                n·(u_ff - τ_f + y) <= g tan θ cos(π/m) y is the horizontal command, with an autopilot
+    thrust      -(u_ff - τ_f + y) <= g - F_min / M     y is the vertical command
+                u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
+    corridor    ±(p_r + y) <= ±wall                    y is the position, if the walls are fixed in W
+                ±y <= ±wall                            y is the position, if the walls follow the reference
 
-n are the m unit normals of a regular polygon inside the circle of the largest tilt, and M is the mass. The
-corridor, and the tilt in the case of torques, are constraints on states, which a disturbance can push beyond the bound.
-For these constraints, a slack ε at each tick relaxes the bound, and ζ ε² is added to the cost of the regulator.
+n are the m unit normals of a regular polygon inside the circle of the largest tilt, and M is the mass. The corridor,
+and the tilt if torques are sent, are constraints on states, which a disturbance can push beyond the bound. For these
+constraints, a slack ε at each tick relaxes the bound, and ζ ε² is added to the cost of the regulator.
 Constraints on commands can always be satisfied. A solution therefore always exists (P. O. M. Scokaert and J. B.
 Rawlings, "Feasibility issues in linear model predictive control", AIChE Journal 45(8), 1999).
 """
@@ -82,7 +85,7 @@ class Constraint(NamedTuple):
         free: (ticks, n) gains on the deviations ξ of all axes of a programme, one axis after another.
         forced: (ticks, commands) gains on the perturbations c of the commands of its axes, one axis after another.
         bound: (ticks of the preview,) limit minus reference.
-        shift: (3,) gains of the bound on the correction τ_f.
+        shift: (3,) row vector that is multiplied by the correction τ_f.
         starts_next_tick: True if the first row applies to the next tick, as for states; False if it applies to the
             current tick, as for commands.
         slack: slack of the constraint; None for a hard constraint.
@@ -184,7 +187,7 @@ def _combined(
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slack: SharedSlack | None = None,
 ) -> Constraint:
-    """Return a constraint on the sum of the responses of several axes, weighted by coefficients."""
+    """Return the constraint on a weighted sum over axes, all of which have the same response."""
     free, forced = (
         np.hstack([coefficient * part for coefficient in coefficients]) for part in (response.free, response.forced)
     )

@@ -29,9 +29,9 @@ class NearestPoint(NamedTuple):
 class LeastDistance:
     """Minimisation of |v|² subject to G v <= h, for one G and many h.
 
-    The program is built once. Rows are added in groups: without rows the nearest point is the origin, and after each
-    solution, the groups that contain violated rows are added. A solution that violates no row is the solution of the
-    whole problem. The point is then computed exactly from the active rows, without the tolerance of the solver.
+    The program is built once. Each search begins at the origin, which is the nearest point without rows. The groups of
+    rows that contain a violated row are added, and the program is solved again, until no row is violated. After each
+    solution, the point is computed exactly from the active rows, without the tolerance of the solver.
 
     Args:
         rows: (rows, variables) matrix G.

@@ -46,19 +46,19 @@ class Prediction:
         self._powers = list(itertools.islice(powers, num_ticks))
 
     def command(self) -> Response:
-        """Return how the command u depends on state and perturbations over the horizon, from the current tick on."""
+        """Return the response of the command u over the horizon, from the current tick on."""
         free = [-self._K @ power for power in self._powers]
         return Response(
             np.array(free), self._forced_response([1.0, *(row @ self._B for row in free)]), starts_next_tick=False
         )
 
     def state(self, number: int) -> Response:
-        """Return how a state, given by its index, depends on state and perturbations, from the next tick on."""
+        """Return the response of the state with an index over the horizon, from the next tick on."""
         rows = [power[number] for power in self._powers]
         free = np.array([row @ self._closed for row in rows])
         return Response(free, self._forced_response([row @ self._B for row in rows]), starts_next_tick=True)
 
     def _forced_response(self, impulse: list[float]) -> np.ndarray:
-        """Return G for an impulse response. A perturbation has an effect from its tick on."""
+        """Return G for an impulse response. A perturbation affects only its own tick and later ticks."""
         zeros = np.zeros(len(self._powers))
         return np.array(scipy.linalg.toeplitz(impulse[: len(zeros)], zeros))

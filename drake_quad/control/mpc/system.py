@@ -66,18 +66,18 @@ class PredictiveProgramme(FleetSystem):
         layout = layout_of(Preview)
         columns = np.transpose([layout.flatten(each) for each in preview])
         horizon = Horizon(nominal, layout.build(list(columns)), corridor, tilt_weight, num_ticks, tick)
-        level = Programme(list(horizontal_constraints(lateral, horizon)), lateral.weight)
-        upright = Programme(list(vertical_constraints(vertical, horizon)), vertical.weight)
+        horizontal_programme = Programme(list(horizontal_constraints(lateral, horizon)), lateral.weight)
+        vertical_programme = Programme(list(vertical_constraints(vertical, horizon)), vertical.weight)
         deviation = self.input("deviation", layout=deviation_layout(nominal))
 
         def calc(system: FleetSystem, context: Context, output: BasicVector) -> None:
             time = context.get_time() if system.scalar is float else context.get_time().value()
             rows = deviation.vector(system, context).CopyToVector().reshape(-1, system.num_vehicles)
             x, y, z, correction = deviation.layout.build(rows)
-            now = round(time / tick)
+            tick_number = round(time / tick)
             perturbations = [
-                *level.perturbations(now, np.array([*x, *y]), np.array(correction)),
-                *upright.perturbations(now, np.array(z), np.array(correction)),
+                *horizontal_programme.perturbations(tick_number, np.array([*x, *y]), np.array(correction)),
+                *vertical_programme.perturbations(tick_number, np.array(z), np.array(correction)),
             ]
             output.SetFromVector(np.ravel(perturbations).astype(system.scalar))
 

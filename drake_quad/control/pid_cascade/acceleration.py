@@ -128,7 +128,7 @@ def _limited_force(
     a_x, a_y, a_z = acceleration
     up = gravity if rules.decouples_vertical else maximum(gravity + a_z, TINY)
     level_squared = a_x * a_x + a_y * a_y
-    # The slope is the ratio of horizontal to vertical thrust, divided by the horizontal acceleration.
+    # The tangent of the tilt is the slope times the horizontal acceleration.
     slope = minimum(1.0 / up, command.tan_max_tilt / sqrt(level_squared + TINY))
     length = sqrt(1.0 + slope * slope * level_squared)
     f_z = maximum(mass * (gravity + a_z) * length, command.min_thrust) / length

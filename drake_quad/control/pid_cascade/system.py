@@ -47,7 +47,7 @@ def step_cascade(
     m: State,
     r: Reference,
     parameters: CascadeParameters,
-    held: CascadeState | None,
+    cascade: CascadeState | None,
     tick: Time,
     num_ticks: int,
     rules: CascadeRules,
@@ -58,22 +58,22 @@ def step_cascade(
         m: measured state.
         r: reference.
         parameters: parameters of the cascade.
-        held: state before the tick; None if the cascade has no state.
+        cascade: state of the cascade before the tick; None if the cascade has no state.
         tick: control period, s.
         num_ticks: period of the loops in ticks.
         rules: options in which the control laws of firmwares differ.
     """
-    memory = empty_memory(parameters) if held is None else held.memory
+    memory = empty_memory(parameters) if cascade is None else cascade.memory
     tilts = isinstance(parameters.command, TiltParameters)
     law = tilt_target if tilts else acceleration_target
     target, after = law(m, r, parameters, memory, num_ticks * tick, rules)
-    if held is None or held.ticks is None or held.target is None:
+    if cascade is None or cascade.ticks is None or cascade.target is None:
         return target, CascadeState(None, None, after)
-    due = held.ticks < 0.5
-    target, after = where(due, (target, after), (held.target, memory))
+    is_due = cascade.ticks < 0.5
+    target, after = where(is_due, (target, after), (cascade.target, memory))
     if tilts:
         target = target._replace(yaw=r.yaw)
-    ticks = where(held.ticks > num_ticks - 1.5, 0.0, held.ticks + 1.0)
+    ticks = where(cascade.ticks > num_ticks - 1.5, 0.0, cascade.ticks + 1.0)
     return target, CascadeState(ticks, target, after)
 
 
@@ -89,9 +89,9 @@ def _acceleration(*reads: Any) -> Acceleration:
     return Acceleration(x, y, z - parameters.gravity)
 
 
-def _after(*reads: Any) -> CascadeState:
-    _, held = step_cascade(*reads)
-    return held
+def _next_state(*reads: Any) -> CascadeState:
+    _, cascade = step_cascade(*reads)
+    return cascade
 
 
 @fleet_system(float, AutoDiffXd)
@@ -116,7 +116,7 @@ class PidCascade(FleetSystem):
     The loops are computed at every `num_ticks`-th tick. Between these ticks `attitude_target` is held. If the velocity
     loop commands a tilt, the yaw is not held but is the yaw of the reference at every tick.
 
-    The state `held` exists if a loop has a memory or the target is held. The only parameter of the context is
+    The state `cascade` exists if a loop has a memory or the target is held. The only parameter of the context is
     `parameters`.
 
     Args:
@@ -137,12 +137,12 @@ class PidCascade(FleetSystem):
     ) -> None:
         """Declare ports, state and parameters."""
         parameter = self.parameter("parameters", lambda parameters: parameters)
-        held = None
+        cascade = None
         if layout_of(CascadeState, initial_state(parameters, num_ticks)).num_rows:
-            held = self.state("held", lambda parameters: initial_state(parameters, num_ticks))
-        reads = self.input("measurement"), self.input("reference"), parameter, held, tick, num_ticks, rules
-        if held is not None:
-            self.update(tick, _after, *reads, writes=[held])
+            cascade = self.state("cascade", lambda parameters: initial_state(parameters, num_ticks))
+        reads = self.input("measurement"), self.input("reference"), parameter, cascade, tick, num_ticks, rules
+        if cascade is not None:
+            self.update(tick, _next_state, *reads, writes=[cascade])
         self.output("attitude_target", _target, *reads)
         self.output("acceleration_command", _acceleration, *reads)
 

@@ -53,8 +53,8 @@ class AccelerationActuation(FleetSystem):
     def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, parameters: AccelerationScale) -> None:
         """Declare ports and parameters."""
         action, scale = _declare_action(self, num_rows=3)
-        heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
-        self.output("acceleration_command", commanded_acceleration, action, *heads, scale, frame, turn)
+        heading_inputs = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
+        self.output("acceleration_command", commanded_acceleration, action, *heading_inputs, scale, frame, turn)
 
 
 @fleet_system(float, AutoDiffXd)

@@ -1,8 +1,8 @@
 """Coordinate frames with a vertical z axis for the observations and actions of a policy.
 
     world                W
-    heading              W rotated about Z by the vehicle's yaw: x is the heading of the vehicle
-    reference_heading    W rotated about Z by the reference's yaw: x is the heading of the reference
+    heading              W rotated about Z by the vehicle's yaw: x points along the heading of the vehicle
+    reference_heading    W rotated about Z by the reference's yaw: x points along the heading of the reference
 
 A policy that was trained with a reference at yaw 0 does not generalise to another yaw, unless its observations and
 actions are in `reference_heading`. In this frame, they do not change when vehicle and reference are rotated together

@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leaky_relu", "gelu", "gelu_tanh"]
 _ROOT_OF_HALF = math.sqrt(0.5)
 _ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)
-GELU_CUBE = 0.044715
+GELU_CUBIC_COEFFICIENT = 0.044715
 """Coefficient of the cubic term in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
 
 
@@ -53,7 +53,7 @@ def gelu(x: Row) -> Row:
 
 def gelu_tanh(x: Row) -> Row:
     """Return the approximation of `gelu` by a hyperbolic tangent, from the same authors."""
-    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + GELU_CUBE * x * x * x)))
+    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + GELU_CUBIC_COEFFICIENT * x * x * x)))
 
 
 def silu(x: Row) -> Row:
@@ -93,13 +93,13 @@ class Gru(NamedTuple):
     """Layer of gated recurrent units.
 
     Attributes:
-        of_input: W and b of r, z and n, stacked in this order.
-        of_memory: U and c of r, z and n, stacked in this order.
+        input_matrix: W and b of r, z and n, stacked in this order.
+        memory_matrix: U and c of r, z and n, stacked in this order.
         initial: (units,) initial memory h.
     """
 
-    of_input: Matrix
-    of_memory: Matrix
+    input_matrix: Matrix
+    memory_matrix: Matrix
     initial: tuple[float, ...]
 
 
@@ -176,13 +176,13 @@ def _scaled_input(network: Network, inputs: Sequence[Row]) -> list[Row]:
 
 def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[Row]:
     units = len(layer.initial)
-    new, old = (
+    input_gates, memory_gates = (
         _gates(dense(matrix, layer_input, identity), units)
-        for matrix, layer_input in ((layer.of_input, rows), (layer.of_memory, memory))
+        for matrix, layer_input in ((layer.input_matrix, rows), (layer.memory_matrix, memory))
     )
     memory_after = []
-    for before, now, then in zip(memory, zip(*new, strict=True), zip(*old, strict=True), strict=True):
-        (r, z, n), (u_r, u_z, u_n) = now, then
+    unit_gates = zip(zip(*input_gates, strict=True), zip(*memory_gates, strict=True), strict=True)
+    for before, ((r, z, n), (u_r, u_z, u_n)) in zip(memory, unit_gates, strict=True):
         update = sigmoid(z + u_z)
         proposed = tanh(n + sigmoid(r + u_r) * u_n)
         memory_after.append(update * before + (1.0 - update) * proposed)

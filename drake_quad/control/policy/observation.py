@@ -27,7 +27,8 @@ class Observables(NamedTuple):
         clearance: distance to the nearest obstacle, m; None if the observation does not contain it.
         top_speed: largest rotor speed, rad/s.
         axes: axes of the frame in W; None for W itself.
-        attitude: axes of the vehicle along the axes of the frame; along the axes of W if the frame is B.
+        attitude: axes of B, rotated about z_B by the `turn` of the policy. They are expressed in the frame, or in W if
+            the frame is `world` or `body`.
     """
 
     state: State
@@ -121,18 +122,20 @@ class ObservableSignal(NamedTuple):
 
     Attributes:
         rows: number of components; None if it depends on the policy.
-        of: function that returns the components of the signal, given all observable quantities.
+        components: function that returns the components of the signal, given all observable quantities.
         description: description with unit.
     """
 
     rows: int | None
-    of: Callable[[Observables], tuple[Row, ...]]
+    components: Callable[[Observables], tuple[Row, ...]]
     description: str
 
 
 OBSERVABLE_SIGNALS = {
-    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z of W, whatever the `frame` (m)"),
-    "position_error": ObservableSignal(3, _position_error, "from the vehicle to the reference (m)"),
+    "position": ObservableSignal(
+        3, _position, "position of the vehicle along X, Y, Z of W, independent of the `frame` (m)"
+    ),
+    "position_error": ObservableSignal(3, _position_error, "vector from the vehicle to the reference (m)"),
     "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
     "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference relative to the vehicle (m/s)"),
     "reference_velocity": ObservableSignal(3, _reference_velocity, "velocity of the reference (m/s)"),
@@ -140,9 +143,11 @@ OBSERVABLE_SIGNALS = {
     "reference_ahead": ObservableSignal(
         None,
         _reference_ahead,
-        "from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
+        "vectors from the vehicle to future positions of the reference, 3 components for each time of `ahead` (m)",
     ),
-    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw with respect to W, whatever the `frame` (rad)"),
+    "attitude": ObservableSignal(
+        3, _attitude, "roll, pitch and yaw with respect to W, independent of the `frame` (rad)"
+    ),
     "rotation": ObservableSignal(
         9,
         _rotation,
@@ -233,11 +238,14 @@ def observation_rows(
     observables = Observables(
         state, reference, ahead, rotor_speed, wind, action, distance, parameters.top_speed, axes, attitude
     )
-    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].of(observables)])
+    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].components(observables)])
 
 
 def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:
-    """Return the state with body rates along the axes of the policy, and these axes, rotated from B about z_B."""
+    """Return the state with body rates along the axes of the policy, and these axes in W.
+
+    The axes of the policy are those of B, rotated about z_B by `spec.turn`.
+    """
     body = BodyAxes.of(state.roll, state.pitch, state.yaw)
     if spec.turn == 0.0:
         return state, body

@@ -156,7 +156,7 @@ def _loop(
     loop: dict[str, Any] = {"k_p": scaled["p"]}
     if any(scaled["i"]):
         loop["k_i"] = scaled["i"]
-        # An axis whose gain is zero also needs a limit.
+        # The scenario language requires a positive limit on every axis, even if the gain of the axis is zero.
         limits = zip(scaled["i"], integral_limits, strict=True)
         loop["integral_limit"] = [gain * limit or limit for gain, limit in limits]
         loop["integration"] = "backward_euler"

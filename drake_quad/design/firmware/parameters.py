@@ -15,7 +15,8 @@ from drake_quad.scenario.files.documents import parse_document
 
 Firmware = Literal["crazyflie", "px4"]
 
-# A line contains a name and a number, either in the columns of QGroundControl or next to each other.
+# A line contains a name and a number, which are separated by white space, a comma, a colon or an equals sign. In a file
+# of QGroundControl, other columns precede the name.
 _NAME_AND_NUMBER = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?(?:\.?\d|nan|inf)[^\s,]*)")
 _PARAMETER_GROUPS = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_rate", "px4": "MPC_* and MC_*"}
 

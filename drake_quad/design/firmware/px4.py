@@ -1,9 +1,9 @@
 """PX4's multicopter controllers in the scenario language.
 
-PX4 normalises thrust and torques. It assumes that thrust is proportional to its command, and that the command
-MPC_THR_HOVER supports the weight. Its mixer (`ControlAllocationPseudoInverse`) determines the unit of the torques. The
-gains of a scenario have SI units. The conversion therefore needs the nominal vehicle's rotor positions, the rotors'
-ratio of drag to thrust, the mass and the moments of inertia.
+PX4 commands thrust and torques in normalised units, whereas the gains of a scenario have SI units. PX4 assumes that the
+thrust is proportional to its command, and that the command MPC_THR_HOVER supports the weight. The unit of the torques
+follows from its mixer (`ControlAllocationPseudoInverse`). The conversion therefore needs the nominal vehicle's rotor
+positions, the rotors' ratio of drag to thrust, the mass and the moments of inertia.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Sketch for a microcontroller without an operating system, in the form of an Arduino program."""
+"""Arduino sketch that runs the controller on a microcontroller without an operating system."""
 
 from drake_quad.export.projects.project import ExportedCode, Project, check_single_precision, whole_steps
 

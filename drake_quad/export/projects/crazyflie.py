@@ -1,4 +1,4 @@
-"""Out-of-tree controller of the Crazyflie's firmware."""
+"""Out-of-tree controller for the Crazyflie firmware."""
 
 from drake_quad.errors import InputError
 from drake_quad.export.projects.project import (
@@ -12,7 +12,7 @@ from drake_quad.export.projects.project import (
 
 # Period at which the firmware calls the controller, s.
 _FIRMWARE_PERIOD = 0.001
-# Header names in the firmware that a user is likely to choose as the name of a controller.
+# Names of firmware headers that a user is likely to choose as the name of a controller.
 _FIRMWARE_HEADERS = ("app", "controller", "estimator", "stabilizer", "state", "task")
 
 
@@ -25,7 +25,8 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     description = code.description
     if description.name in _FIRMWARE_HEADERS:
         raise InputError(
-            f"project crazyflie needs another --name than {description.name}, which is a header of the firmware"
+            f"project crazyflie cannot use the name {description.name}, since a header of the firmware has this name;"
+            " choose another name with --name"
         )
     check_command("crazyflie", description, ["wrench"])
     check_inputs("crazyflie", description)

@@ -9,8 +9,8 @@ from drake_quad.exported.description import ExportDescription
 from drake_quad.framework.c_code import PRECISIONS
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Tolerance on the ratio of two periods, which must be a whole number.
-_ROUNDING = 1e-9
+# Largest rounding error in the ratio of two periods, which must be a whole number.
+_RATIO_TOLERANCE = 1e-9
 # Inputs that describe the reference. A project sets those that its platform provides; the others are zero.
 _REFERENCE_INPUTS = frozenset({"reference", "reference_jerk", "reference_snap"})
 _MEASUREMENT_INPUTS = frozenset({"measurement", "state"})
@@ -65,7 +65,7 @@ class Project(NamedTuple):
 
 
 def check_command(project: str, description: ExportDescription, commands: Collection[str]) -> None:
-    """Check that code computes exactly one of the commands that a project can send.
+    """Check that exported code computes exactly one of the commands that a project can send.
 
     Raises:
         InputError: if the code computes another command, or several.
@@ -78,7 +78,7 @@ def check_command(project: str, description: ExportDescription, commands: Collec
 
 
 def check_inputs(project: str, description: ExportDescription) -> None:
-    """Check that code needs no inputs but the measured state and the reference.
+    """Check that exported code has no inputs other than the measured state and the reference.
 
     Raises:
         InputError: if the code has another input.
@@ -89,14 +89,15 @@ def check_inputs(project: str, description: ExportDescription) -> None:
 
 
 def check_single_precision(project: str, description: ExportDescription) -> None:
-    """Check that code has single precision, for which the microcontrollers have a floating-point unit.
+    """Check that exported code has single precision, which the hardware of most microcontrollers supports.
 
     Raises:
         InputError: if the code has double precision.
     """
     if description.precision != "single":
         raise InputError(
-            f"project {project} needs --precision single, for which its microcontrollers have a floating-point unit"
+            f"project {project} needs --precision single, since many microcontrollers support only single precision in"
+            " hardware"
         )
 
 
@@ -113,6 +114,8 @@ def whole_steps(project: str, description: ExportDescription, period: float, lab
         InputError: if the control period is not a multiple of the shorter period.
     """
     ratio = description.period / period
-    if ratio < 0.5 or abs(ratio - round(ratio)) > _ROUNDING:
-        raise InputError(f"project {project} needs a period of whole {label}, not {description.period:g} s")
+    if ratio < 0.5 or abs(ratio - round(ratio)) > _RATIO_TOLERANCE:
+        raise InputError(
+            f"project {project} needs a period that is a whole number of {label}, not {description.period:g} s"
+        )
     return round(ratio)

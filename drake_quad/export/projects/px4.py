@@ -1,4 +1,4 @@
-"""Module of PX4 that controls the vehicle in its Offboard mode."""
+"""PX4 module that controls the vehicle in Offboard mode."""
 
 from drake_quad.export.projects.project import (
     ExportedCode,

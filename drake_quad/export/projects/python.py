@@ -5,15 +5,16 @@ from collections.abc import Sequence
 from drake_quad.export.projects.project import ExportedCode, Project
 from drake_quad.export.structs import Struct, StructMember
 
-_TYPES = {
+# ctypes type of each C type.
+_CTYPES = {
     "char": "ctypes.c_char",
     "uint32_t": "ctypes.c_uint32",
     "float": "ctypes.c_float",
     "double": "ctypes.c_double",
 }
 
-# Method of the controller class, if the reference is exported.
-_SET_REFERENCE = '''
+# Text of the method that the controller class has if the reference is exported.
+_SET_REFERENCE_METHOD = '''
     def set_reference(self, time: float, inputs: Inputs) -> None:
         """Set the inputs that describe the planned reference at a time (s) since the start of the route."""
         _LIBRARY.@NAME@_reference(_NUMBER(time), ctypes.byref(inputs))
@@ -25,8 +26,8 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     return {
         "PERIOD": repr(code.description.period),
         "STRUCTS": "\n\n\n".join(_class_text(struct, code.description.name) for struct in code.structs),
-        "SET_REFERENCE": _SET_REFERENCE if code.has_reference else "",
-        "NUMBER": _TYPES[code.number_type],
+        "SET_REFERENCE": _SET_REFERENCE_METHOD if code.has_reference else "",
+        "NUMBER": _CTYPES[code.number_type],
     }
 
 
@@ -47,7 +48,7 @@ def _class_text(struct: Struct, prefix: str) -> str:
 def _member_lines(members: Sequence[StructMember], prefix: str) -> list[str]:
     lines = []
     for member in members:
-        kind = _TYPES.get(member.type_name) or _class_name(member.type_name, prefix)
+        kind = _CTYPES.get(member.type_name) or _class_name(member.type_name, prefix)
         for size in reversed(member.sizes):
             kind = f"{kind} * {size}"
         comment = f"  # {member.comment}" if member.comment else ""

@@ -24,14 +24,14 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def project_files(name: str, code: ExportedCode) -> dict[str, str]:
-    """Return the files of a project with the exported code, by their paths in the folder of the project.
+    """Return the text of each file of a project, including the exported code, by path relative to the project folder.
 
     Args:
         name: name of the project, a key of `PROJECTS`.
         code: exported code.
 
     Raises:
-        InputError: if there is no such project, or the code does not fit it.
+        InputError: if there is no project with this name, or the exported code does not fit the project.
     """
     if name not in PROJECTS:
         raise InputError(f"project is {name!r}; it must be one of {', '.join(PROJECTS)}")
@@ -47,12 +47,12 @@ def project_files(name: str, code: ExportedCode) -> dict[str, str]:
 
     def filled(text: str) -> str:
         text = "".join(_selected_lines(text, values))
-        # Values may contain placeholders themselves.
+        # A value may itself contain placeholders, so they are replaced until none is left.
         while (after := re.sub("@([A-Z_0-9]+)@", lambda match: values[match[1]], text)) != text:
             text = after
         return text
 
-    # Templates in Python end in .py.in, so that no tool takes them for modules.
+    # Python templates end in .py.in, so that tools do not mistake them for modules.
     folder = _TEMPLATES / name
     files = {
         filled(path.relative_to(folder).as_posix().removesuffix(".in")): filled(path.read_text(encoding="utf-8"))

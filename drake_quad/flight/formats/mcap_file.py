@@ -71,7 +71,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
     """Write flights as one MCAP file, and return its path.
 
     Args:
-        flights: flights, by their names in the file; or a single flight, which is named after its scenario.
+        flights: flights, keyed by their names in the file; or a single flight, which is named after its scenario.
         path: path of the file.
 
     Raises:
@@ -113,7 +113,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def flight_topics(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
-    """Return the schemas of a flight's topics, by topic name."""
+    """Return the schemas of a flight's topics, keyed by topic."""
     topics = {
         f"/{name}/tf": FRAME_TRANSFORM,
         f"/{name}/reference": POSE_IN_FRAME,

@@ -41,7 +41,7 @@ _Columns = dict[str, np.ndarray]
 
 
 def px4_columns(flight: Flight) -> _Columns:
-    """Return the (ticks,) columns of the table by name."""
+    """Return the (ticks,) columns of the table, keyed by name."""
     columns: _Columns = {"timestamp": np.round(_MICROSECONDS_PER_SECOND * flight.time).astype(np.int64)}
     for name, suffix in (("measurement", ""), ("state", "_groundtruth")):
         columns |= _motion_columns(flight, name, suffix)

@@ -15,7 +15,7 @@ from drake_quad.errors import InputError
 from drake_quad.gym.saving import Layer, evaluate_layers, save_policy, torch_layers
 from drake_quad.gym.stable_baselines3.vector_env import StableVectorEnv
 
-# Wrappers for vector environments, and for single environments, that change neither observations nor actions.
+# Wrappers that change neither observations nor actions, for vector environments and for single environments.
 _TRANSPARENT_VECTOR_WRAPPERS = (VecMonitor, VecCheckNan)
 _TRANSPARENT_WRAPPERS = (Monitor.__name__, "TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 # Number of random observations for which the actions of the saved network are compared with those of the model.
@@ -33,8 +33,8 @@ def save_trained(model: Any, path: Path | str) -> Path:
         path: path of the .yaml file; see `save_policy`.
 
     Raises:
-        InputError: if the environment is not an environment of this package, the type of the policy or of a wrapper is
-            not supported, or `save_policy` raises the error.
+        InputError: if the environment is not an environment of this package, if the type of the policy or of a wrapper
+            is not supported, or under the conditions of `save_policy`.
     """
     envs = model.get_env()
     if envs is None:

@@ -29,17 +29,18 @@ from drake_quad.scenario.models import Scenario
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command is at a limit if many of its samples are near an extreme. The number of samples of a smooth signal within a
-# margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a limit.
+# A command is at a limit if many of its samples are near an extreme. For a smooth signal, the number of samples within
+# a margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a
+# limit.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-# A command is at a limit if the ratio of the number of samples within δ to the number between δ and 2 δ is larger.
+# A command is at a limit if the ratio of these two numbers exceeds this value.
 _MIN_COUNT_RATIO = 5.0
 _MIN_LIMITED_SAMPLES = 8  # an extreme that fewer samples reach is not a limit
 # A command that is at its extreme in more than this fraction of the samples is constant rather than limited.
 _MAX_LIMITED_FRACTION = 0.5
-# The output of some forms is divided by the cosine of the angle between the commanded thrust and the vertical, or the
-# measured thrust direction. Smaller cosines are raised to this value, which corresponds to 78°.
-_MIN_ALIGNMENT = 0.2
+# Lower limit of the cosine by which the output of some forms is divided, which corresponds to 78°. The angle is that
+# between the commanded thrust and the vertical, or between the commanded thrust and the measured thrust axis.
+_MIN_ALIGNMENT_COSINE = 0.2
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
@@ -91,12 +92,12 @@ def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: fl
         attitude = np.column_stack([attitude[:, :2], _yaw(record)])
     axis = rotation_matrices(attitude).apply([0.0, 0.0, 1.0])
     if form == "decoupled":
-        horizontal = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
+        horizontal = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT_COSINE)
         return np.column_stack([horizontal, thrust * axis[:, 2] - gravity])
     magnitude = thrust
     if form == "projected" and record.attitude is not None:
         measured = rotation_matrices(record.attitude).apply([0.0, 0.0, 1.0])
-        magnitude = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
+        magnitude = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT_COSINE)
     return np.asarray(magnitude[:, None] * axis - [0.0, 0.0, gravity])
 
 

@@ -14,8 +14,8 @@ from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
 _FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward ratio that differs from 0 or 1 by at most this is set to 0 or 1
 _NEGLIGIBLE_GAIN_RATIO = 0.005  # gains, in SI units, below this fraction of the position gain are negligible
-_UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
-_NUM_DIGITS = 5  # significant digits of gains, more than the data determine
+_UNREACHABLE_SPEED = 1000.0  # m/s, speed limit that has no effect
+_NUM_DIGITS = 5  # significant digits of written gains, more than the data determine
 
 
 def control_layer(law: PositionLaw) -> dict[str, Any]:
@@ -105,7 +105,9 @@ def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float, fo
     if any("error_limit" in law.gains for law in laws):
         position["limit"] = _per_axis(
             laws,
-            lambda law: gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _UNREACHED_SPEED,
+            lambda law: (
+                gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _UNREACHABLE_SPEED
+            ),
         )
     command: dict[str, Any] = {"kind": "tilt"}
     if form != "tilt":

@@ -52,10 +52,10 @@ from drake_quad.identification.results.estimates import quantile
 from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 
-_MIN_EXPLAINED = 0.95  # smallest R² of an identified axis
-_MIN_UNEXPLAINED = 1e-12  # unexplained fraction of the variance; smaller values are rounding errors
+_MIN_EXPLAINED_VARIANCE = 0.95  # smallest R² of an identified axis
+_MIN_UNEXPLAINED_VARIANCE = 1e-12  # smaller unexplained fractions of the variance are rounding errors
 # A parameter is identified if the half-width of its 95 % interval is at most this fraction of its typical magnitude.
-_MAX_HALF_WIDTH = 0.5
+_MAX_RELATIVE_HALF_WIDTH = 0.5
 _TYPICAL_INTEGRAL_TIME = 1.0  # s, typical k_p / k_i of a PID
 _NUM_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
@@ -143,7 +143,7 @@ def _identified_law(records: Sequence[FlightRecord], scenario: Scenario) -> Posi
     laws, not_identified = [], {}
     fits = {axis: select_fit(pieces, (axis,)) for axis in range(3)}
     for axis, fit in fits.items():
-        if not fit.explained_variance >= _MIN_EXPLAINED:
+        if not fit.explained_variance >= _MIN_EXPLAINED_VARIANCE:
             not_identified[_AXES[axis]] = _poor_fit_reason(fit.explained_variance)
     is_shared = not {"x", "y"} & not_identified.keys() and _have_same_law(pieces, fits)
     groups = [(0, 1), (2,)] if is_shared else [(0,), (1,), (2,)]
@@ -167,24 +167,24 @@ def _poor_fit_reason(explained: float) -> str:
     fraction = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
     return (
         f"a linear law of position, velocity and reference explains {fraction} of the variance of the command, but must"
-        f" explain at least {100.0 * _MIN_EXPLAINED:g} %; check that the controller used the logged position and"
-        " velocity"
+        f" explain at least {100.0 * _MIN_EXPLAINED_VARIANCE:g} %; check that the controller used the logged position"
+        " and velocity"
     )
 
 
 def _log_unexplained(pieces: Sequence[Piece]) -> float:
     """Return the sum over the axes of log(1 - R²), for laws that are fitted to evenly spaced samples."""
-    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
-    thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
+    step = max(1, sum(int(piece.evaluated.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
+    thinned = [piece._replace(evaluated=piece.evaluated & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
     return sum(
-        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained_variance, _MIN_UNEXPLAINED)))
+        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained_variance, _MIN_UNEXPLAINED_VARIANCE)))
         for axis in range(3)
     )
 
 
 def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
     """Return whether X and Y may have the same law: the interval of each gain difference contains zero."""
-    x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
+    x, y = (_estimates(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
         difference = abs(x[name].value - y[name].value)
         if difference > np.hypot(x[name].half_width, y[name].half_width):
@@ -192,53 +192,53 @@ def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
     return True
 
 
-def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, EstimatedValue]:
+def _estimates(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, EstimatedValue]:
     """Return the estimate of each parameter of a law, by name."""
     values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
         name: getattr(fit.shape, name) for name in fit.free
     }
     is_angle = form == "tilt" and 2 not in axes
-    reaches, freedoms = uncertainty(pieces, axes, fit)
+    half_widths, freedoms = uncertainty(pieces, axes, fit)
     return {
         name: EstimatedValue(
             values[name], float(half_width / quantile(freedom)), _UNITS[name][is_angle], float(freedom)
         )
-        for name, half_width, freedom in zip(values, reaches, freedoms, strict=True)
+        for name, half_width, freedom in zip(values, half_widths, freedoms, strict=True)
         if name not in NUISANCE_TERMS
     }
 
 
 def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: Fit) -> AxisLaw:
     """Return the law of some axes, without the parameters that the log does not identify."""
-    spreads = _spreads(pieces, axes, fit, form)
-    imprecise = _imprecise(spreads)
+    estimates = _estimates(pieces, axes, fit, form)
+    imprecise = _imprecise(estimates)
     dropped = [name for name in imprecise if name in fit.terms and name not in ESSENTIAL_TERMS]
     if dropped:
         remaining = tuple(name for name in fit.terms if name not in dropped)
         refit = search_fit(pieces, axes, remaining, [fit.shape], fit.free)
-        # The other intervals must not become narrower, since the gains that are now fixed at zero may have other
-        # values.
-        spreads = {
-            name: spread._replace(deviation=max(spread.deviation, spreads[name].deviation))
-            for name, spread in _spreads(pieces, axes, refit, form).items()
+        # The remaining intervals must not become narrower, since the true values of the removed gains may differ from
+        # zero.
+        estimates = {
+            name: estimate._replace(deviation=max(estimate.deviation, estimates[name].deviation))
+            for name, estimate in _estimates(pieces, axes, refit, form).items()
         }
         fit = refit
     if REFERENCE_TERMS[0] not in excited_terms(pieces, axes):
         imprecise |= dict.fromkeys(REFERENCE_TERMS, "the reference does not move along this axis")
-    errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
+    errors = np.abs(np.concatenate([piece.error[piece.evaluated][:, axes] for piece in pieces]))
     return AxisLaw(
         tuple(_AXES[axis] for axis in axes),
-        {name: spread for name, spread in spreads.items() if name not in imprecise},
+        {name: estimate for name, estimate in estimates.items() if name not in imprecise},
         fit.explained_variance,
         imprecise,
         float(np.mean(errors > fit.shape.error_limit)),
     )
 
 
-def _imprecise(spreads: Mapping[str, EstimatedValue]) -> dict[str, str]:
+def _imprecise(estimates: Mapping[str, EstimatedValue]) -> dict[str, str]:
     """Return a reason for each parameter whose interval is too wide, relative to its typical magnitude."""
-    position, velocity = (abs(spreads[name].value) for name in ESSENTIAL_TERMS)
-    acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0
+    position, velocity = (abs(estimates[name].value) for name in ESSENTIAL_TERMS)
+    acceleration = 1.0 / 9.81 if estimates["position"].unit == "rad/m" else 1.0
     typical = {
         "position": position,
         "velocity": velocity,
@@ -252,7 +252,7 @@ def _imprecise(spreads: Mapping[str, EstimatedValue]) -> dict[str, str]:
         "error_limit": np.inf,
     }
     return {
-        name: f"the half-width of its 95 % interval is {spread.half_width:.2g} {spread.unit}"
-        for name, spread in spreads.items()
-        if spread.half_width > _MAX_HALF_WIDTH * typical[name]
+        name: f"the half-width of its 95 % interval is {estimate.half_width:.2g} {estimate.unit}"
+        for name, estimate in estimates.items()
+        if estimate.half_width > _MAX_RELATIVE_HALF_WIDTH * typical[name]
     }

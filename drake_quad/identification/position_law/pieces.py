@@ -23,7 +23,7 @@ from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s; a reference counts as moving if its velocity has a larger standard deviation
 _MIN_REFERENCE_RANGE = 0.02  # m; a reference counts as moving if its position has a larger range
-_SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
+_SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # binomial weights of adjacent samples
 _MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
 _MIN_SAMPLES = 60  # smallest number of samples in a stretch, several per parameter
 _BLOCK_DURATION = 2.0  # s, duration of a block, several times the correlation time of errors
@@ -47,7 +47,7 @@ class Piece(NamedTuple):
             imply that the controller integrates the velocity error.
         anti_windup: (m, 3) integral of the output that the thrust does not produce (`unproduced_output` in
             `drake_quad.identification.position_law.commands`), m/s.
-        counted: (m,) mask of the samples that the regression uses.
+        evaluated: (m,) mask of the samples that the regression uses.
     """
 
     time: np.ndarray
@@ -59,7 +59,7 @@ class Piece(NamedTuple):
     travel: np.ndarray
     deviation: np.ndarray
     anti_windup: np.ndarray
-    counted: np.ndarray
+    evaluated: np.ndarray
 
 
 def prepared_pieces(
@@ -96,22 +96,20 @@ def prepared_pieces(
     if remark is not None:
         remarks.append(remark)
     limited = at_limit(record, thrust, usable)
-    counted = usable & ~limited
+    evaluated = usable & ~limited
     piece_number = segment_numbers(record)
     min_samples = max(_MIN_PIECE_DURATION / record.period, _MIN_SAMPLES)
     pieces: dict[Form, list[Piece]] = {form: [] for form in FORMS}
     for number in range(piece_number.max() + 1):
         in_piece = piece_number == number
-        if counted[in_piece].sum() < min_samples:
+        if evaluated[in_piece].sum() < min_samples:
             continue
         part = record.subset(in_piece)
-        signals, compared = _signals(part, reference[in_piece] - position[in_piece], counted[in_piece])
-        if compared.sum() < min_samples:
+        signals, is_used = _signals(part, reference[in_piece] - position[in_piece], evaluated[in_piece])
+        if is_used.sum() < min_samples:
             continue
         for form in FORMS:
-            pieces[form].append(
-                _piece(part, thrust[in_piece], form, float(scenario.nominal.gravity), signals, compared)
-            )
+            pieces[form].append(_piece(part, thrust[in_piece], form, float(scenario.nominal.gravity), signals, is_used))
     if not pieces["tilt"]:
         raise InputError(
             f"the log {short_repr(record.name)} has no uninterrupted stretch of flight of at least"
@@ -121,7 +119,7 @@ def prepared_pieces(
     return pieces, limited[usable]
 
 
-def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+def _signals(record: FlightRecord, error: np.ndarray, evaluated: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
     """Return error, velocity, reference velocity and reference acceleration (m, 3), and a mask of the samples to use.
 
     Derivatives that are not logged are calculated from smoothed signals.
@@ -148,7 +146,7 @@ def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tu
     is_near_jump = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
     is_after_delay = record.time >= record.time[0] + MAX_DELAY
     is_usable = (
-        np.convolve(counted & is_after_delay & ~is_near_jump, np.ones(len(_SMOOTHING_WEIGHTS)), "same")
+        np.convolve(evaluated & is_after_delay & ~is_near_jump, np.ones(len(_SMOOTHING_WEIGHTS)), "same")
         > len(_SMOOTHING_WEIGHTS) - 0.5
     )
     return [error, velocity, reference_velocity, acceleration], is_usable
@@ -160,7 +158,7 @@ def _piece(
     form: Form,
     gravity: float,
     signals: Sequence[np.ndarray],
-    compared: np.ndarray,
+    is_used: np.ndarray,
 ) -> Piece:
     """Return a stretch of flight with smoothed signals, along the axes of the law."""
     output = law_output(record, thrust, form, gravity)
@@ -188,12 +186,12 @@ def _piece(
         integral(velocity),
         error - integral(reference_velocity - velocity) if form == "decoupled" else np.zeros_like(error),
         integral(lost_output),
-        compared,
+        is_used,
     )
 
 
 def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
     """Return the block number (n,) of each sample that the regression uses. All blocks have nearly the same length."""
-    count = sum(int(piece.counted.sum()) for piece in pieces)
+    count = sum(int(piece.evaluated.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
     return np.arange(count) * max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION)) // count

@@ -30,7 +30,7 @@ TYPICAL_DELAY = 0.05
 
 # Critical value of χ² with one degree of freedom at 99.9 %. It is strict, because a log has over a dozen such tests.
 _MIN_LIKELIHOOD_RATIO = 10.83
-# An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions do not matter in
+# An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions hardly affect
 # simulations.
 _MAX_UNEXPLAINED_RATIO = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
@@ -87,7 +87,7 @@ def select_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
 def fit_with_limit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
     """Fit a law without filter to some axes, and add a limit of the error if it is significant."""
     fit = _simplest_fit(pieces, axes)
-    errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
+    errors = np.abs(np.concatenate([piece.error[piece.evaluated][:, axes] for piece in pieces]))
     limits = [fit.shape._replace(error_limit=float(each)) for each in np.quantile(errors, _LIMIT_QUANTILES)]
     with_limit = search_fit(pieces, axes, fit.terms, limits, (*fit.free, "error_limit"))
     return _better_fit(pieces, axes, fit, with_limit)
@@ -101,7 +101,7 @@ def _simplest_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
 
 def excited_terms(pieces: Sequence[Piece], axes: tuple[int, ...]) -> tuple[str, ...]:
     """Return the terms that the flight excites on some axes."""
-    speeds = np.concatenate([piece.reference_velocity[piece.counted][:, axes] for piece in pieces])
+    speeds = np.concatenate([piece.reference_velocity[piece.evaluated][:, axes] for piece in pieces])
     is_moving = np.std(speeds) >= MIN_REFERENCE_SPEED
     nuisances = (name for name in NUISANCE_TERMS if any(getattr(piece, name)[:, axes].any() for piece in pieces))
     return (*ESSENTIAL_TERMS, *(REFERENCE_TERMS if is_moving else ()), "integral", *nuisances)
@@ -164,10 +164,10 @@ def _regression(
     """Return the regressors (n, k) and the commands (n,), each without its mean and trend in each piece and axis."""
     regressors, commands = [], []
     for axis, piece in product(axes, pieces):
-        delayed_times = piece.time[piece.counted] - shape.delay
+        delayed_times = piece.time[piece.evaluated] - shape.delay
         columns = _columns(piece, axis, terms, shape)
         delayed_columns = np.column_stack([np.interp(delayed_times, piece.time, column) for column in columns.T])
-        command = piece.command[piece.counted, axis]
+        command = piece.command[piece.evaluated, axis]
         time_offset = delayed_times - delayed_times.mean()
         centred = np.column_stack([delayed_columns, command])
         centred -= centred.mean(axis=0) + np.outer(time_offset, time_offset @ centred / (time_offset @ time_offset))
@@ -177,12 +177,12 @@ def _regression(
 
 
 def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.ndarray:
-    """Return the regressors (m, k) of a piece along an axis, at the times of the signals: the delay is not applied."""
+    """Return the regressors (m, k) of a piece along an axis, without the delay."""
     error = np.clip(piece.error[:, axis], -shape.error_limit, shape.error_limit)
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
         decay = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
-        # This filter is exact up to third order in the period if the velocity is linear between samples.
+        # If the velocity is linear between samples, the error of a step of this filter is of third order in the period.
         weight = 0.5 * (1.0 - decay)
         velocity, _ = scipy.signal.lfilter([weight, weight], [1.0, -decay], velocity, zi=[(1.0 - weight) * velocity[0]])
     columns = {
@@ -224,8 +224,8 @@ def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, ext
         return simple
     linear = len(extended.terms) > len(simple.terms)
     value = extended.gains[-1] if linear else getattr(extended.shape, extended.free[-1])
-    reaches, _ = uncertainty(pieces, axes, extended)
-    return extended if abs(value) > reaches[len(extended.terms) - 1 if linear else -1] else simple
+    half_widths, _ = uncertainty(pieces, axes, extended)
+    return extended if abs(value) > half_widths[len(extended.terms) - 1 if linear else -1] else simple
 
 
 def _independent_samples(residuals: np.ndarray) -> float:
@@ -289,9 +289,9 @@ def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[st
     `drake_quad.identification.position_law.law`.
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)
-    integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))
+    integral, velocity_integral = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))
     discriminant = position**2 - 4.0 * velocity * integral
     if discriminant > 0.0:
-        of_velocity = max(of_velocity, 2.0 * velocity * integral / (position + np.sqrt(discriminant)))
-    bounds = {"position": integral, "velocity": of_velocity, "reference_velocity": of_velocity}
+        velocity_integral = max(velocity_integral, 2.0 * velocity * integral / (position + np.sqrt(discriminant)))
+    bounds = {"position": integral, "velocity": velocity_integral, "reference_velocity": velocity_integral}
     return {name: 0.5 * period * bound for name, bound in bounds.items() if name in gains}

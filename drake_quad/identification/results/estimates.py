@@ -106,7 +106,7 @@ class ExplainedVariance(NamedTuple):
 
 
 def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
-    """Return the half-width of the 95 % interval of Student's distribution, in standard deviations of the estimate.
+    """Return the half-width of the 95 % interval of Student's t-distribution, in standard deviations of the estimate.
 
     Args:
         degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
@@ -119,8 +119,8 @@ class Estimates:
     """Estimated parameters of a vehicle and its laboratory, with their covariance.
 
     Attributes:
-        names: (n,) names as in the scenario language, indices in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
-            `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
+        names: (n,) names as in the scenario language, with indices in brackets: `mass`, `inertia[0]`,
+            `motors.curve[1]`, `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
         covariance: (n, n) covariance of the estimation errors.
         degrees_of_freedom: (n,) degrees of freedom of the errors, which follow Student's t-distribution; or one number
@@ -128,7 +128,7 @@ class Estimates:
         sources: (n,) sources of each estimate, or a single source for all.
         explained_variance: explained variance by the name of the parameter, if it is known.
         not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
-            parameter has an estimate, this is the value of the data sheet, corrected as far as the log allows.
+            parameter has an estimate, it is the initial value, corrected as far as the log allows.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
             mean parameters; None if it is unknown.
         flight_variation: variation from one flight to the next, in addition to the variation within a flight; None if

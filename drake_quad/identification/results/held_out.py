@@ -1,12 +1,13 @@
 """Check of confidence intervals by holding out one tenth of the flight at a time.
 
-Nine stretches give an estimate, the variance P of its error, and the variance d² between stretches. The tenth stretch
-gives an independent estimate, whose error has the variance v. The two estimates should differ by no more than
+The flight is divided into ten stretches. Nine of them give an estimate, the variance P of its error, and the variance
+d² between stretches. The tenth stretch gives an independent estimate, whose error has the variance v. The two estimates
+should differ by no more than
 
     t √(P + d² + v),
 
-where t is the quantile of Student's distribution with eight degrees of freedom. If the intervals are correct 95 %
-intervals, 9.5 of ten differences are inside on average, and at least nine are inside with a probability of 0.91.
+where t is the 97.5 % quantile of Student's t-distribution with eight degrees of freedom. If the intervals are correct
+95 % intervals, 9.5 of ten differences are inside on average, and at least nine are inside with a probability of 0.91.
 
 Three approximations limit this check. The estimate of a stretch is one Gauss-Newton step from the estimate of all
 windows. The variances d² and v contain the scatter of the windows within all stretches. If a stretch hardly determines
@@ -22,7 +23,7 @@ from drake_quad.identification.random_effects import NUM_SEGMENTS, FlightSegment
 from drake_quad.identification.results.estimates import quantile
 
 
-class HeldOut(NamedTuple):
+class HeldOutErrors(NamedTuple):
     """Differences between the estimates of a parameter from held-out stretches and from the other stretches.
 
     Attributes:
@@ -39,8 +40,8 @@ class HeldOut(NamedTuple):
         return int(np.sum(np.abs(self.errors) <= self.half_widths))
 
 
-def hold_out_check(evidence: Evidence) -> dict[str, HeldOut]:
-    """Return the check of each parameter, by name; empty if there are too few windows."""
+def hold_out_check(evidence: Evidence) -> dict[str, HeldOutErrors]:
+    """Return the result of the check for each parameter, by name; empty if there are too few windows."""
     if len(evidence.scores) < NUM_SEGMENTS:
         return {}
     stretches = FlightSegments.of(evidence)
@@ -54,4 +55,4 @@ def hold_out_check(evidence: Evidence) -> dict[str, HeldOut]:
             * np.sqrt(mean_variance + others.variance_between() + stretches.variances[held_out])
         )
     pairs = zip(evidence.names, np.transpose(errors), np.transpose(half_widths), strict=True)
-    return {name: HeldOut(*pair) for name, *pair in pairs}
+    return {name: HeldOutErrors(*pair) for name, *pair in pairs}

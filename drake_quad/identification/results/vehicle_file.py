@@ -3,7 +3,7 @@
 The file extends the vehicle with which the identification began. `vehicle` and `laboratory` contain the estimates as
 correlated normal distributions. The distributions describe a flight that was not logged: their covariance includes the
 error of the mean and, if it is known, the variation from one stretch of flight to the next. The standard deviations are
-widened to match Student's distribution, so that 95 % of the samples are within the interval for a further stretch.
+widened to match Student's t-distribution, so that 95 % of the samples are within the interval for a further stretch.
 
 `nominal`, which the planner and the controllers assume, is unchanged unless the estimates are requested there as well.
 To predict flights under the controller of the log, keep the values that this controller assumed in `nominal`. To
@@ -47,9 +47,9 @@ from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid
 _COMMENT_WIDTH = 100  # characters
 _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
 _MIN_VALUE_RATIO = 0.1  # lower limit of the distribution of a positive parameter, relative to its mean
-_LIMIT_SIGMA = 6.0  # distance from the mean, in standard deviations, of limits that no sample should reach
-_NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
-# Limit of the rotor speed, relative to the speed at full throttle. It allows 21 % more thrust, which exceeds the error
+_LIMIT_SIGMA = 6.0  # distance of the limits of a distribution from its mean, in standard deviations
+_NUM_EXTRA_DECIMALS = 5  # decimals of an estimate after the first significant digit of its standard deviation
+# Rotor speed limit, relative to the speed at full throttle. The limit allows 21 % more thrust, which exceeds the error
 # of a thrust curve.
 _SPEED_LIMIT_RATIO = 1.1
 
@@ -131,13 +131,17 @@ def write_vehicle(
 
 def nominal_estimates(scenario: Scenario) -> list[str]:
     """Return the names of the parameters whose estimates are also in `nominal` of a scenario from `write_vehicle`."""
-    found = []
-    for path, drawn in distributions_in(scenario).items():
+    names = []
+    for path, distribution in distributions_in(scenario).items():
         part, _, name = path.partition(".")
         is_nominal = part == "vehicle" and name.partition(".")[0] in Nominal.model_fields
-        if is_nominal and isinstance(drawn, Normal) and value_at(scenario, f"nominal.{name}") == drawn.normal.mean:
-            found.append(name)
-    return found
+        if (
+            is_nominal
+            and isinstance(distribution, Normal)
+            and value_at(scenario, f"nominal.{name}") == distribution.normal.mean
+        ):
+            names.append(name)
+    return names
 
 
 def _relative(base: str | Path, folder: Path) -> str:
@@ -148,7 +152,7 @@ def _relative(base: str | Path, folder: Path) -> str:
     file, name = split_spec(str(base))
     try:
         written_path = Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
-    except ValueError:  # no relative path exists if the two are on different drives
+    except ValueError:  # no relative path exists between different drives
         written_path = Path(file).resolve().as_posix()
     return written_path if name is None else f"{written_path}:{name}"
 
@@ -203,7 +207,7 @@ def _add_override(tree: dict[str, Any], assignment: str) -> None:
     if top not in tree or not steps or any(re.fullmatch(r"(rotor_)?\d", step) for step in steps):
         raise InputError(
             f"{assignment} cannot be written to the file of a vehicle: only fields of {', '.join(tree)} can be set, and"
-            " lists only as a whole"
+            " a list can only be set as a whole"
         )
     node = tree[top]
     for step in steps[:-1]:
@@ -222,7 +226,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
     if not varying:
         return numbers
     part = estimates.for_new_flight().subset(varying)
-    # The normal distribution is widened to the 95 % interval of Student's distribution.
+    # The normal distribution is widened to the 95 % interval of Student's t-distribution.
     widening = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(widening, widening)
     for name, distribution in correlated_normals(varying, part.values, covariance, prefix=prefix).items():
@@ -235,7 +239,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
 
 
 def _rounded(value: float, deviation: float) -> float:
-    """Return a number with the decimals that its standard deviation justifies."""
+    """Round a number to the decimals that its standard deviation justifies."""
     return round(float(value), _NUM_EXTRA_DECIMALS - math.floor(math.log10(deviation)))
 
 
@@ -248,8 +252,8 @@ def _number(name: str, value: float) -> Any:
     declared = declaration_of(name)
     if declared.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; otherwise list {name} in"
-            " not_identified"
+            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; if the logs do not determine"
+            f" {name}, remove its estimate and list it in not_identified"
         )
     value = min(max(value, declared.lower), declared.upper)
     return round(value) if declared.is_whole else value
@@ -307,8 +311,8 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     Raises:
         InputError: if the base scenario has no such list.
     """
-    holder, _, field = field_path(path).rpartition(".")
-    owner = value_at(base, holder)
+    owner_path, _, field = field_path(path).rpartition(".")
+    owner = value_at(base, owner_path)
     if owner is None:  # the effect is switched off in the base scenario
         return _Entry(0.0, "as in the base vehicle")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
@@ -384,7 +388,7 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
         "attitude": _Entry(None, "the autopilot controls the attitude"),
         "position": {"feed_forward": _Entry("acceleration")},
     }
-    for effect in base.vehicle.without_response():
+    for effect in base.vehicle.effects_unsupported_by_response():
         off = Vehicle.model_fields[effect].default
         tree["vehicle"][effect] = _Entry(off, "included in the attitude response")
 

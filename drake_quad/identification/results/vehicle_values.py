@@ -10,7 +10,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, map_leaves
 
-# `max_rotor_speed` is multiplied by this factor, so that the speed limit does not limit the thrust curve.
+# `max_rotor_speed` is multiplied by this factor, so that the limit has no effect on the thrust curve.
 _SPEED_LIMIT_RATIO = 2.0
 
 
@@ -34,7 +34,7 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
 def with_throttles(scenario: Scenario) -> Scenario:
     """Return the scenario with a vehicle that takes throttles.
 
-    A vehicle that takes rotor speeds gets a thrust curve up to its full thrust, and a higher limit of the rotor speed.
+    A vehicle that takes rotor speeds gets a thrust curve with the same full thrust, and a higher rotor speed limit.
     """
     vehicle = scenario.vehicle
     if vehicle.motors.take_throttles:

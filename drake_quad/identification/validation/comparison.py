@@ -23,9 +23,9 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.signals import Reference, State
 
 AXES = ("x", "y", "z", "all")
-"""Columns of `ErrorFigures`: the axes of W, and the norm of the error."""
-INTERVAL = (0.025, 0.975)
-"""Quantiles that bound the interval of predictions."""
+"""Columns of `ErrorStatistics`: the axes of W, and the norm of the error."""
+INTERVAL_QUANTILES = (0.025, 0.975)
+"""Quantiles at the ends of the 95 % interval of the predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
 _MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by this distance
@@ -97,14 +97,14 @@ class LogComparison:
 
     def predicted_statistics(self) -> ErrorStatistics:
         """Return the statistics (samples, 4) of each predicted flight; infinite for a flight with a crash."""
-        figures = ErrorStatistics.of(self.predicted)
-        return ErrorStatistics(*(np.where(np.isnan(values), np.inf, values) for values in figures))
+        statistics = ErrorStatistics.of(self.predicted)
+        return ErrorStatistics(*(np.where(np.isnan(values), np.inf, values) for values in statistics))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return median, lower and upper end of the 95 % interval of the named statistic, (4,) each as in `AXES`."""
         values = getattr(self.predicted_statistics(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
-        median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
+        median, low, high = np.quantile(values, (0.5, *INTERVAL_QUANTILES), axis=0, method="nearest")
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
@@ -136,8 +136,8 @@ def compare_with_log(
 
     The comparison covers the part of the log in free flight, see `free_flight`. It begins when the reference of the log
     has moved by 1 cm, so that transients of an earlier take-off are excluded. If the reference never moves, the
-    comparison covers the whole log. Both errors are computed from measured positions, since a log contains no true
-    positions.
+    comparison covers the whole free flight. Both errors are computed from measured positions, since a log contains no
+    true positions.
 
     Args:
         record: record of the log, with position and reference position.
@@ -154,10 +154,10 @@ def compare_with_log(
     """
     if scenario.vehicle.time_step == 0.0:
         raise InputError("vehicle.time_step is 0; a comparison with a log needs a time step above 0")
-    flight_part = free_flight(record)
-    record = record.subset(slice(flight_part.end))
-    reference = logged_reference(record, rest=rest, lift_off=flight_part.lift_off)
-    first_time = max(_first_movement(record), float(record.time[flight_part.first])) if start is None else start
+    free = free_flight(record)
+    record = record.subset(slice(free.end))
+    reference = logged_reference(record, rest=rest, lift_off=free.lift_off)
+    first_time = max(_first_movement(record), float(record.time[free.first])) if start is None else start
     is_compared = (record.time >= max(first_time, -reference.start)) & (record.time <= reference.end)
     if is_compared.sum() < 2:
         raise InputError(
@@ -191,10 +191,11 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 
 
 def flights_to_compare(comparison: LogComparison) -> dict[str, Flight]:
-    """Return the logged flight and the predicted flight with the median error, with the same reference, for a replay.
+    """Return the logged flight, and the predicted flight with the median error, to replay them side by side.
 
-    Both flights contain measured states. If the log contains no rotor speeds, the logged flight is returned with the
-    rotor speeds of the prediction. A prediction that crashes before the start of the log is left out.
+    Both flights have the same reference, and contain measured states. If the log contains no rotor speeds, the logged
+    flight is returned with the rotor speeds of the prediction. A prediction that crashes before the start of the log is
+    left out.
     """
     record, start = comparison.record, comparison.reference.start
     prediction = simulate(comparison.scenario, sample=comparison.median_sample(), plan=comparison.plan, compiled=True)
@@ -221,7 +222,7 @@ def flights_to_compare(comparison: LogComparison) -> dict[str, Flight]:
 
 
 def _first_movement(record: FlightRecord) -> float:
-    """Return the last time at which the reference is still at its first position, s; 0 if it never moves."""
+    """Return the last time before the reference has moved by 1 cm, s; 0 if it never moves."""
     position = record.of("reference_position")
     has_moved = np.linalg.norm(position - position[0], axis=1) > _MIN_MOVEMENT
     return float(record.time[max(int(np.argmax(has_moved)) - 1, 0)])

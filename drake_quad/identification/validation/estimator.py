@@ -31,17 +31,17 @@ _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator, during which the 
 _MIN_BLOCKS = 2  # smallest number of blocks whose scatter gives a standard deviation
 _DRAG_WINDOW = 0.1  # s, averaging time of force and air speed
 _MIN_AIR_SPEED = 0.2  # m/s, smallest standard deviation of the air speed from which drag is estimated
-# If the air speed along x or y varies by less than this fraction of its variation along the other axis, both axes get
+# If the air speed along x or y varies by less than this fraction of its variation along the other axis, this axis gets
 # the drag of the other axis.
 _MIN_SPEED_RATIO = 0.3
 
 
-class VelocityEstimate(NamedTuple):
+class VelocityErrorEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        scale_error: scale error s along each axis. An axis along which the vehicle did not move has the value 0, and
-            the mean standard deviation of the other axes.
+        scale_error: scale error s along each axis. For an axis along which the vehicle did not move, it is 0, with the
+            mean standard deviation of the other axes.
         drift: (3,) standard deviation of the correlated error d along each axis, in means over 0.1 s, m/s.
         correlation_time: correlation time of the correlated error, averaged over the axes, s.
     """
@@ -51,7 +51,7 @@ class VelocityEstimate(NamedTuple):
     correlation_time: float
 
 
-def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
+def estimate_velocity_error(record: FlightRecord) -> VelocityErrorEstimate:
     """Estimate the error of a logged velocity that was estimated on board.
 
     Args:
@@ -92,7 +92,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
         scale_error if np.isfinite(scale_error.deviation) else scale_error._replace(deviation=mean_deviation)
         for scale_error in scale_errors
     ]
-    return VelocityEstimate(
+    return VelocityErrorEstimate(
         (complete[0], complete[1], complete[2]), np.array(drifts), float(np.mean(correlation_times))
     )
 
@@ -129,9 +129,10 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[EstimatedValu
         np.stack([np.convolve(column, weights, "same")[inside] for column in each[:, :2].T])
         for each in (air_velocity, force)
     )
-    spread = air_speeds.std(axis=1)
+    deviations = air_speeds.std(axis=1)
     source_axes = [
-        axis if spread[axis] > _MIN_SPEED_RATIO * spread.max() else int(np.argmax(spread)) for axis in range(2)
+        axis if deviations[axis] > _MIN_SPEED_RATIO * deviations.max() else int(np.argmax(deviations))
+        for axis in range(2)
     ]
     regressors = [np.column_stack([air_speeds[axis], np.ones_like(air_speeds[axis])]) for axis in source_axes]
     drag_x, drag_y = (

@@ -8,12 +8,12 @@ from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.windows import commanded_effort
 from drake_quad.logs.record import FlightRecord
 
-# Rotors idle if their command is smaller than this fraction of its median over the log.
+# Rotors idle if their command is smaller than this fraction of the median of the positive commands.
 _IDLE_RATIO = 0.5
 # Smallest height of vehicle and reference above the ground in free flight, m. It is a few rotor diameters of a small
 # vehicle.
 _MIN_HEIGHT = 0.25
-# Height above the ground at which a vehicle has lifted off, m. It exceeds the noise of motion capture.
+# Height above the ground from which on a vehicle has lifted off, m. It exceeds the noise of motion capture.
 _LIFT_OFF_HEIGHT = 0.003
 
 
@@ -34,13 +34,13 @@ class FreeFlight(NamedTuple):
 def free_flight(record: FlightRecord) -> FreeFlight:
     """Return the part of a log in which both the vehicle and its reference are in free flight.
 
-    A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of its
-    median. The height of the vehicle at this end is then the height of the ground. Vehicle and reference are more than
-    0.25 m above the ground in free flight. If the rotors idle at neither end, or if no command is logged, the whole log
-    counts as free flight.
+    A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of the
+    median of the positive commands. The height of the vehicle at this end is then the height of the ground. Vehicle and
+    reference are more than 0.25 m above the ground in free flight. If the rotors idle at neither end, or if no command
+    is logged, the whole log counts as free flight.
 
-    An estimated height can drift on the ground. The lift-off is therefore found relative to the height at which the
-    rotors last idle.
+    An estimated height can drift on the ground. The lift-off is therefore detected relative to the height at the last
+    time before the flight at which the rotors idle.
 
     Args:
         record: record with position and reference position.

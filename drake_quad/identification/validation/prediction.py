@@ -16,9 +16,9 @@ one of these baselines at a horizon, it is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
 body rates, and the angle between the attitudes. The filter does not use velocities or body rates that an estimator
-derives from other measurements. The prediction of such a signal is its value at the start plus the predicted change.
-Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks that are at
-least one second and at least the horizon long. Vehicles are compared by paired differences, start by start.
+derives from other measurements. The prediction of such a signal is its measured value at the start plus the predicted
+change. Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks that
+are at least one second and at least the horizon long. Vehicles are compared by paired differences, start by start.
 """
 
 import math
@@ -49,7 +49,7 @@ CONSTANT_ACCELERATION = "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
 START_SPACING = 0.1  # s, time between the starts of two predictions
-_PARABOLA_TIME = 0.05  # s, duration of the parabolas at whose ends predictions without a model begin
+_PARABOLA_TIME = 0.05  # s, duration of the parabolas that give the initial motion of the predictors without a model
 _MIN_PARABOLA_SAMPLES = 4  # smallest number of samples to which a parabola is fitted
 _SETTLING_TIME = 0.5  # s, time before the start of a prediction in which the filter settles
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
@@ -87,7 +87,7 @@ class Predictions:
         value = math.sqrt(mean)
         return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
-    def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
+    def error_reduction(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
         """Return the fraction by which a vehicle reduces the RMS error of another vehicle, from the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
@@ -103,24 +103,24 @@ class Predictions:
         ratio = math.sqrt(float(np.mean(squares) / np.mean(other_squares)))
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
 
-    def losses(self, vehicle: str) -> str:
+    def remark_on_worse_predictions(self, vehicle: str) -> str:
         """Return a remark on the quantities that a vehicle predicts worse than a predictor without a model does.
 
-        The remark lists the horizons at which this is certain, in the sense that the 95 % interval of the difference
-        excludes zero. It is empty if there are none.
+        The remark lists the horizons at which the vehicle is significantly worse: the 95 % interval of the difference
+        excludes zero. The remark is empty if there are no such horizons.
         """
-        lost, without_model = [], (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)
+        worse, baselines = [], (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)
         for quantity in self.errors:
-            certain = [
+            significant = [
                 f"{horizon:g}"
                 for horizon in self.horizons
-                if any(self.better(quantity, vehicle, other, horizon).high < 0.0 for other in without_model)
+                if any(self.error_reduction(quantity, vehicle, other, horizon).high < 0.0 for other in baselines)
             ]
-            if certain:
-                lost.append(f"{quantity.replace('_', ' ')} ({', '.join(certain)} s)")
-        if not lost:
+            if significant:
+                worse.append(f"{quantity.replace('_', ' ')} ({', '.join(significant)} s)")
+        if not worse:
             return ""
-        return f"{vehicle} predicts worse than constant velocity or constant acceleration: {', '.join(lost)}"
+        return f"{vehicle} predicts worse than constant velocity or constant acceleration: {', '.join(worse)}"
 
     def starts(self, horizon: float) -> int:
         """Return the number of starts whose prediction reaches a horizon, in s, before the flight ends."""

@@ -13,10 +13,11 @@ from drake_quad.scenario.limits import MIN_DURATION
 from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
-# Knot spacings that are tried in this order, s. A path with the smallest one follows any reference that can be flown.
+# Knot spacings, s, in the order in which they are tried. A path with the smallest spacing follows any feasible
+# reference.
 _KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
-"""Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
+"""Largest distance of a route from the logged reference, m. Truncation of positions to mm causes up to 1.7 mm."""
 # References are sent at 20 Hz or faster. A reference that repeats a value for longer than this, in s, is at rest,
 # unless it is logged more slowly than it is sent.
 _MAX_REPETITION_TIME = 0.05
@@ -88,10 +89,10 @@ def logged_reference(record: FlightRecord, *, rest: float = 0.0, lift_off: int |
     the route accelerates to the first velocity. If the vehicle takes off in the log, the route starts at the lift-off
     instead, since the simulation has no ground on which a vehicle could stand.
 
-    If no reference velocity is logged, the route may consist of the logged setpoints. It does if no smooth path is
-    within the tolerance, for example because the reference jumps, or if the reference is more than 0.25 m away from the
-    vehicle at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in
-    the log, the route then begins with the vehicle at rest where it lifts off.
+    If no reference velocity is logged, the route consists of the logged setpoints in two cases: if no smooth path is
+    within the tolerance, for example because the reference jumps, and if the reference is more than 0.25 m away from
+    the vehicle at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off
+    in the log, the route then begins with the vehicle at rest where it lifts off.
 
     Args:
         record: record of a flight, with the position of the reference.
@@ -141,8 +142,8 @@ def _smooth_path(record: FlightRecord, begin: float) -> tuple[PolynomialPath, fl
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
         logged.append(record.reference_velocity)
-    # Two equal positions at the start show that the reference is at rest. Its first velocity is not computed from more
-    # samples, since a gap may follow the second sample.
+    # The reference is at rest at the start if its first two positions are equal and its first velocity is zero. Later
+    # samples are not used, since a gap may follow the second sample.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
     time, *samples = _without_repetitions(record.time, logged)
     end, slow = float(record.time[-1]), is_slow(record)

@@ -95,7 +95,7 @@ class BarometerMemory(NamedTuple):
 
 
 def barometer_noise(parameters: BarometerParameters) -> BarometerNoise:
-    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
+    """Return a noise record of zeros for a reading; the fields of errors that are switched off are None."""
     return BarometerNoise(0.0, None if parameters.errors.drift is None else 0.0)
 
 

@@ -138,7 +138,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def gnss_noise(parameters: GnssParameters) -> GnssNoise:
-    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
+    """Return a noise record of zeros for a reading; the fields of errors that are switched off are None."""
     return GnssNoise(
         Fix(*(0.0,) * 6),
         None if parameters.errors.position_drift is None else _ZERO,

@@ -151,7 +151,7 @@ _ZERO = Vector(0.0, 0.0, 0.0)
 
 
 def inertial_noise(parameters: Any) -> InertialNoise:
-    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
+    """Return a noise record of zeros for a reading; the fields of errors that are switched off are None."""
     errors = parameters.errors
     return InertialNoise(
         _ZERO,

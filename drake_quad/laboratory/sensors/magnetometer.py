@@ -120,8 +120,8 @@ def magnetometer_reading(
         torque: Row = 0.0
         for factor, speed in zip(errors.motor_interference.drag_factors, rotor_speed, strict=True):
             torque = torque + factor * speed * speed
-        disturbances = errors.motor_interference.field
-        components = [part + each * torque for part, each in zip(components, disturbances, strict=True)]
+        gains = errors.motor_interference.field
+        components = [part + gain * torque for part, gain in zip(components, gains, strict=True)]
     if noise is not None:
         components = [part + parameters.field_noise * number for part, number in zip(components, noise, strict=True)]
     return MagneticField(*components)

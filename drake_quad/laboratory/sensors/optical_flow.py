@@ -3,9 +3,8 @@
     flow_x = v_x / d - q + σ n        flow_y = v_y / d + p + σ n
 
 with the velocity v of the sensor along the axes of B, the body rates p and q, the distance d to the ground along -z of
-B, and standard normal n. At zero rates, the flow is the velocity over the distance, so (flow_x + q) d and (flow_y - p)
-d are the velocity. The ground is a horizontal plane, and its slope in the image of a tilted camera is neglected, as are
-the corners of the image.
+B, and standard normal n. Without noise, v_x is (flow_x + q) d, and v_y is (flow_y - p) d. The ground is a horizontal
+plane. The model neglects the slope of the ground in the image of a tilted camera, and the corners of the image.
 
 A reading is missing if the distance is outside the range of the camera, or if the flow is larger than the largest flow
 for which successive images can be matched.

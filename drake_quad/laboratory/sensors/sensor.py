@@ -152,7 +152,7 @@ class _Structure(NamedTuple):
             return Sample(result, 1.0)
         return Sample(result.reading, where(result.valid, 1.0, 0.0))
 
-    def faulty(self, sample: Sample, last: Any, fault: SensorFault, dropout: Dropout | None, time: Row) -> Sample:
+    def with_fault(self, sample: Sample, last: Any, fault: SensorFault, dropout: Dropout | None, time: Row) -> Sample:
         """Return the reading of a sensor with a fault, given the last reading and the reading without a fault."""
         assert self.fault is not None
         is_lost = (time >= fault.start) & (time < fault.end)
@@ -178,7 +178,7 @@ def first_reading(
     zero_reading = _zero_reading(law)
     # A sensor that freezes from the beginning repeats its first reading.
     if structure.fault is not None and fault is not None and structure.fault.is_reported:
-        sample = structure.faulty(sample, zero_reading, fault, dropout, time)
+        sample = structure.with_fault(sample, zero_reading, fault, dropout, time)
     reading = where(sample.valid > 0.5, sample.reading, zero_reading) if structure.can_miss else sample.reading
     valid = Valid(sample.valid)
     return reading, (reading,) * structure.longest_latency, valid, (valid,) * structure.longest_latency, memory
@@ -222,7 +222,7 @@ def next_reading(
     if law.can_miss:
         sample = Sample(where(sample.valid > 0.5, sample.reading, last), sample.valid)
     if fault is not None:
-        sample = structure.faulty(sample, last, fault, dropout, time)
+        sample = structure.with_fault(sample, last, fault, dropout, time)
     return (
         *delay_line_step(sample.reading, in_transit, parameters.latency_samples),
         *delay_line_step(Valid(sample.valid), valid_in_transit, parameters.latency_samples),
@@ -237,8 +237,8 @@ def error_names(parameters: Any) -> tuple[str, ...]:
 
 def with_errors(parameters: Any, names: Collection[str]) -> Any:
     """Return the parameters of a sensor with all errors except for the named ones switched off."""
-    off = {name: None for name in error_names(parameters) if name not in names}
-    return parameters._replace(errors=parameters.errors._replace(**off)) if off else parameters
+    switched_off = {name: None for name in error_names(parameters) if name not in names}
+    return parameters._replace(errors=parameters.errors._replace(**switched_off)) if switched_off else parameters
 
 
 def _zero_reading(law: SensorLaw) -> Any:
@@ -335,8 +335,8 @@ class Sensor(FleetSystem):
         if structure.can_miss:
             validity = declare_delay_line(self, valid_signal(name), lambda parameters: Valid(0.0), longest_latency)
         memory = None if law.memory is None else zero_memory(parameters)
-        remembers = memory is not None and layout_of(type(memory), memory).num_rows > 0
-        if remembers:
+        has_memory = memory is not None and layout_of(type(memory), memory).num_rows > 0
+        if has_memory:
             memory = self.state("memory", zero_memory)
         fault_reads: tuple[Any, ...] = (None, None, 0.0)
         if fault is not None:
@@ -345,7 +345,7 @@ class Sensor(FleetSystem):
                 dropout = self.random_input("dropout", Dropout, RandomDistribution.kUniform, period=period)
             fault_reads = self.parameter("fault", lambda parameters: parameters.fault), dropout, TIME
         reads = parameter, noise, *fault_reads, *signals
-        writes = *line, *validity, memory if remembers else None
+        writes = *line, *validity, memory if has_memory else None
         self.initialize(first_reading, structure, *reads, writes=writes)
         # The initialization event already takes the reading at time zero. A memory must not be advanced again with the
         # same random samples, so the updates of a sensor with a memory begin one period later.
@@ -359,7 +359,7 @@ class Sensor(FleetSystem):
             memory,
             *reads,
             writes=writes,
-            at_start=not remembers,
+            at_start=not has_memory,
         )
         self.state_output(line.out)
         if structure.can_miss:

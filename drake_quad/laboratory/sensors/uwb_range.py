@@ -102,7 +102,7 @@ class UwbNoise(NamedTuple):
 
 
 def uwb_noise(parameters: UwbParameters) -> UwbNoise:
-    """Return the noise samples of a reading, all set to zero, with fields for the errors that are switched on."""
+    """Return a noise record of zeros for a reading; the fields of errors that are switched off are None."""
     return UwbNoise(0.0, None if parameters.errors.outlier_rate is None else OutlierNoise(0.0, 0.0))
 
 

@@ -131,9 +131,9 @@ def vibration_force(vibration: Vibration, phases: RotorPhases, bandwidth: Row | 
     """Return the specific force f of the vibration, m/s²; `bandwidth` is ω_b in rad/s, or None without a filter."""
     total = Vector(0.0, 0.0, 0.0)
     for response, phase, speed in zip(vibration.responses, *phases, strict=True):
-        lines = _filtered_harmonics(phase, speed, len(vibration.harmonics), bandwidth)
-        ripple = _weighted(vibration.harmonics, [cosine for cosine, _ in lines])
-        (cosine, sine), *_ = lines
+        harmonics = _filtered_harmonics(phase, speed, len(vibration.harmonics), bandwidth)
+        ripple = _weighted(vibration.harmonics, [cosine for cosine, _ in harmonics])
+        (cosine, sine), *_ = harmonics
         total = plus(total, times(speed * speed, _sum(response, cosine, sine, ripple)))
     return total
 
@@ -142,9 +142,9 @@ def vibration_rate(vibration: Vibration, phases: RotorPhases, bandwidth: Row | N
     """Return the angular velocity ω of the vibration, rad/s; `bandwidth` is ω_b in rad/s, or None without a filter."""
     total = Vector(0.0, 0.0, 0.0)
     for response, phase, speed in zip(vibration.responses, *phases, strict=True):
-        lines = _filtered_harmonics(phase, speed, len(vibration.harmonics), bandwidth)
-        ripple = _weighted(vibration.harmonics, [sine * (1.0 / (k + 1)) for k, (_, sine) in enumerate(lines)])
-        (cosine, sine), *_ = lines
+        harmonics = _filtered_harmonics(phase, speed, len(vibration.harmonics), bandwidth)
+        ripple = _weighted(vibration.harmonics, [sine * (1.0 / (k + 1)) for k, (_, sine) in enumerate(harmonics)])
+        (cosine, sine), *_ = harmonics
         total = plus(total, times(speed, _sum(response, sine, -cosine, ripple)))
     return total
 
@@ -155,14 +155,14 @@ def _filtered_harmonics(
     """Return cos kφ and sin kφ for the harmonics k = 1, 2, ... (at least k = 1), after the sensor's low-pass filter."""
     sine, cosine = sin_cos(phase)
     c, s = cosine, sine
-    lines = [(c, s)]
+    harmonics = [(c, s)]
     for _ in range(num_harmonics - 1):
         c, s = c * cosine - s * sine, s * cosine + c * sine
-        lines.append((c, s))
+        harmonics.append((c, s))
     if bandwidth is None:
-        return lines
+        return harmonics
     filtered = []
-    for k, (c, s) in enumerate(lines, start=1):
+    for k, (c, s) in enumerate(harmonics, start=1):
         x = float(k) * speed / bandwidth
         gain = 1.0 / (1.0 + x * x)
         filtered.append((gain * (c + x * s), gain * (s - x * c)))

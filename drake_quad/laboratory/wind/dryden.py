@@ -72,12 +72,12 @@ class Turbulence(NamedTuple):
         """
         feet = np.maximum(height, MIN_HEIGHT) / FOOT
         shear = 0.177 + 0.000823 * feet
-        vertical = 0.1 * wind_at_20_feet
-        level = vertical / shear**0.4
-        long = feet / shear**1.2 * FOOT
+        vertical_deviation = 0.1 * wind_at_20_feet
+        horizontal_deviation = vertical_deviation / shear**0.4
+        horizontal_length = feet / shear**1.2 * FOOT
         return cls(
-            PerDirection(level, level, vertical),
-            PerDirection(long, long, feet * FOOT),
+            PerDirection(horizontal_deviation, horizontal_deviation, vertical_deviation),
+            PerDirection(horizontal_length, horizontal_length, feet * FOOT),
             np.maximum(airspeed, MIN_AIRSPEED),
         )
 

@@ -124,7 +124,7 @@ def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
 def local_air(state: State, jets: tuple[Jet, ...]) -> LocalAir:
     """Return the sum of all jets at the position of a vehicle."""
     x = y = z = variance = rate = 0.0
-    # The jets are added in reverse order. The order only affects rounding errors of the sum.
+    # The order of the jets affects only the rounding errors of the sum. It is kept so that results do not change.
     for jet in reversed(jets):
         speed, half_width = jet_speed(state, jet)
         deviation = jet.turbulence * speed

@@ -27,9 +27,9 @@ class GustParameters(NamedTuple):
 def gust_profile(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
     """Return the velocity of a gust at a time, relative to its peak: (1 - cos(π x / d)) / 2 during the rise.
 
-    x is the distance that the vehicle has penetrated into the gust, and d is the length of the rise. The gust moves
-    past the vehicle at constant speed, so x / d is the time since the start divided by the rise time. The decay is the
-    mirror image of the rise. All arguments are in s.
+    In the specification, x is the distance that the vehicle has travelled in the gust, and d is the length of the rise.
+    Here the gust moves past the vehicle at constant speed, so x / d is the time since the start divided by the rise
+    time. The decay is the mirror image of the rise. All arguments are in s.
     """
     rising = (time - start) / rise_time
     falling = (start + hold_time - time) / rise_time + 2.0

@@ -131,9 +131,9 @@ def _parameters(log: LogFile, formats: dict[str, Any], offsets: dict[str, list[i
     }
 
 
-def _table(log: LogFile, form: Any, offsets: Iterable[int]) -> Table | None:
-    """Return the first instance of a message; None if it has no time."""
-    records = _records(log, form, offsets)
+def _table(log: LogFile, message_format: Any, offsets: Iterable[int]) -> Table | None:
+    """Return the messages of a type, from the first sensor or estimator only; None if they have no time."""
+    records = _records(log, message_format, offsets)
     clock = next((each for each in _CLOCKS if records is not None and each in records), None)
     if records is None or clock is None:
         return None
@@ -142,11 +142,11 @@ def _table(log: LogFile, form: Any, offsets: Iterable[int]) -> Table | None:
     )
     is_first = slice(None) if instance is None else instance == instance.min()
     columns = {
-        f"{form.name}.{column}": values[is_first]
+        f"{message_format.name}.{column}": values[is_first]
         for column, values in records.items()
         if values.dtype.kind in "iuf" and column != clock
     }
-    return Table(form.name, records[clock][is_first] * _CLOCKS[clock], columns)
+    return Table(message_format.name, records[clock][is_first] * _CLOCKS[clock], columns)
 
 
 FORMATS.append(LogFormat("ArduPilot's DataFlash log", lambda log: log.data.startswith(_MAGIC), _read))

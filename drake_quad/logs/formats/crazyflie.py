@@ -192,7 +192,7 @@ def _truncated(log: LogFile, bounds: list[int], sizes: Mapping[int, int]) -> lis
     if bounds[-1] < len(log.data) or (len(bounds) > 1 and log.written_size <= bounds[-2]):
         while len(bounds) > 1 and bounds[-1] > log.written_size:
             bounds.pop()
-    # After the last record, a log that is not truncated has nothing but its checksum, even if it is damaged.
+    # If at most the checksum follows the last record, no record is unread, even if the log is damaged.
     return _unread_remarks(log, bounds[-1], sizes) if len(log.data) - bounds[-1] not in (0, _CHECKSUM_SIZE) else []
 
 

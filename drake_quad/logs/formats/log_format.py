@@ -31,9 +31,9 @@ class LogFormat(NamedTuple):
     """Format of flight logs.
 
     Attributes:
-        name: name of the format with an article, for messages.
+        name: noun phrase that names the format, for messages.
         recognizes: function that returns whether the content of a file has this format.
-        read: function that reads a file with the mapping that the user named, if any.
+        read: function that reads a file, with the mapping that the user selected, if any.
     """
 
     name: str

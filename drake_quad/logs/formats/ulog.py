@@ -28,7 +28,7 @@ from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
 _MICROSECOND = 1e-6
-# Pairs (is in front, is to the right) of the rotors, clockwise from the front right rotor.
+# Pairs (is in front, is on the right) of the rotors, clockwise from the front right rotor.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
 # Largest number of fields in a topic, where each item of an array counts. All topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
@@ -70,17 +70,17 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """
     name, mapping = user_mapping or load_mapping("px4")
     topics = {name.partition(".")[0] for name in mapping.names}
-    chain = _chain_of(log)
-    remarks = [*chain.remarks]
+    intact = _intact_start_of(log)
+    remarks = [*intact.remarks]
     try:
-        parsed = _parsed(log, log.data[: log.written_size if chain.may_continue else chain.end], topics)
+        parsed = _parsed(log, log.data[: log.written_size if intact.may_continue else intact.end], topics)
     except InputError:
-        parsed = _parsed(log, log.data[: chain.end], topics) if chain.may_continue else None
+        parsed = _parsed(log, log.data[: intact.end], topics) if intact.may_continue else None
         if parsed is None or not parsed.data_list:
             raise
-        remarks.append(log.unread_remark(chain.end, "pyulog cannot continue there"))
+        remarks.append(log.unread_remark(intact.end, "pyulog cannot continue there"))
     else:
-        if parsed.file_corruption and not chain.may_continue:
+        if parsed.file_corruption and not intact.may_continue:
             remarks.append("the log is damaged; only the complete messages that pyulog finds are read")
     first_instances = {
         topic.name: topic.data for topic in parsed.data_list if topic.multi_id == 0 and "timestamp" in topic.data
@@ -112,7 +112,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
         source = (
             "assumed as in PX4's quad-x layout, since the log has no parameters CA_ROTOR0_PX and so on"
             if rotors is None
-            else "by the parameters CA_ROTOR0_PX and so on"
+            else "according to the parameters CA_ROTOR0_PX and so on"
         )
         remarks.append(f"PX4's rotors 1 to 4 are rotors {order} of this library, {source}")
     return LogContent(tables, (name, mapping), remarks)
@@ -124,12 +124,12 @@ def ulog_parameters(log: LogFile) -> dict[str, Any]:
     Raises:
         InputError: if pyulog is not installed or cannot read the log.
     """
-    parameters: dict[str, Any] = _parsed(log, log.data[: _chain_of(log).end], set()).initial_parameters
+    parameters: dict[str, Any] = _parsed(log, log.data[: _intact_start_of(log).end], set()).initial_parameters
     return parameters
 
 
-class _Chain(NamedTuple):
-    """Contiguous messages at the start of a log.
+class _IntactStart(NamedTuple):
+    """Contiguous complete messages at the start of a log.
 
     Attributes:
         end: offset of the first byte after the last message.
@@ -142,11 +142,11 @@ class _Chain(NamedTuple):
     remarks: list[str]
 
 
-def _chain_of(log: LogFile) -> _Chain:
+def _intact_start_of(log: LogFile) -> _IntactStart:
     """Find the end of the contiguous complete messages of a log.
 
-    A truncated log may end with bytes 0 or 0xff. A message that extends into these bytes is excluded, since its end may
-    be missing.
+    A truncated log may end with bytes 0 or 0xff. A message that extends into these bytes is excluded, since its last
+    bytes may not have been written.
     """
     data, written_size = log.data, log.written_size
     offset = end = _HEADER_SIZE
@@ -159,12 +159,12 @@ def _chain_of(log: LogFile) -> _Chain:
         if offset <= written_size:
             end = offset
     if offset >= len(data):
-        return _Chain(len(data), may_continue=False, remarks=[])
+        return _IntactStart(len(data), may_continue=False, remarks=[])
     if offset + 3 > written_size or is_known:
-        return _Chain(
+        return _IntactStart(
             end, may_continue=False, remarks=[log.unread_remark(end, "no complete message, so the log is truncated")]
         )
-    return _Chain(
+    return _IntactStart(
         offset,
         may_continue=True,
         remarks=[f"the log is damaged from byte {offset:,} on; only complete messages that pyulog finds are read"],
@@ -189,12 +189,12 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
-    """Return this library's number of each rotor of PX4, from the rotor positions in the parameters.
+    """Return the number in this library of each of PX4's rotors, from the rotor positions in the parameters.
 
     CA_ROTORi_PX is positive for a rotor in front, and CA_ROTORi_PY for a rotor to the right.
 
     Returns:
-        (4,) numbers; None if the rotors do not form an x with four rotors, or the positions are unknown.
+        (4,) numbers; None if the positions are unknown, or are not those of four rotors in an x layout.
     """
     rotor_positions = [
         (parameters.get(f"CA_ROTOR{i}_PX"), parameters.get(f"CA_ROTOR{i}_PY")) for i in range(len(_CLOCKWISE_QUADRANTS))

@@ -38,6 +38,6 @@ class AccelerationAction(Action):
             AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.max_acceleration)
         )
 
-    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
+    def hover_action(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands zero acceleration."""
         return (0.0, 0.0, 0.0)

@@ -45,7 +45,7 @@ class Action(Model):
         """
 
     @abstractmethod
-    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
+    def hover_action(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action with which the nominal vehicle hovers."""
 
     def needs_attitude(self, autopilot: Autopilot) -> bool:
@@ -73,7 +73,7 @@ AnyAction = Annotated[Action, ACTIONS]
 
 
 class ThrustAction(Action):
-    """Action whose first element is a thrust. The default range is not from the paper."""
+    """Action whose first element is a thrust."""
 
     min_thrust: FixedNonNegative = Field(
         default=0.0, description="thrust that an action of -1 commands, relative to the weight (1)"
@@ -94,6 +94,6 @@ class ThrustAction(Action):
         weight = nominal.mass * nominal.gravity
         return ThrustRange(self.min_thrust * weight, self.max_thrust * weight)
 
-    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
+    def hover_action(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands a thrust equal to the weight, no tilt and no rotation."""
         return (2.0 * (1.0 - self.min_thrust) / (self.max_thrust - self.min_thrust) - 1.0, 0.0, 0.0, 0.0)

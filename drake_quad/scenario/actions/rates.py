@@ -28,8 +28,8 @@ class RatesAction(ThrustAction):
     )
     k_rate: Gains | None = Field(
         default=None,
-        description="gain from the body rate error to an angular acceleration if there is no autopilot (1/s); k_d of"
-        " the attitude controller if not given",
+        description="gain from the body rate error to an angular acceleration if there is no autopilot (1/s); by"
+        " default, k_d of the attitude controller",
     )
     commands: ClassVar = "rates"
 
@@ -54,5 +54,5 @@ class RatesAction(ThrustAction):
         if scenario.control.attitude is None and self.needs_attitude(autopilot):
             raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
         if self.k_rate is not None and autopilot.controls_attitude:
-            demand = f"must be left out, or null: laboratory.autopilot of kind {autopilot.kind} has its own gains"
+            demand = f"must be left out, or null, since laboratory.autopilot of kind {autopilot.kind} has its own gains"
             raise scenario.field_error(demand, "control", "action", "k_rate")

@@ -24,7 +24,7 @@ class RotorSpeedsAction(Action):
     kind: Literal["rotor_speeds"]
     min_rotor_speed: FixedNonNegative | None = Field(
         default=None,
-        description="rotor speed that an action of -1 commands (rad/s); `nominal.min_rotor_speed` if not given",
+        description="rotor speed that an action of -1 commands (rad/s); by default, `nominal.min_rotor_speed`",
     )
     order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
         default=(1, 2, 3, 4), description="number of the rotor that each element of the action commands"
@@ -33,7 +33,7 @@ class RotorSpeedsAction(Action):
     commands: ClassVar = "wrench"
 
     @model_validator(mode="after")
-    def _each_once(self) -> "RotorSpeedsAction":
+    def _names_each_rotor_once(self) -> "RotorSpeedsAction":
         if sorted(self.order) != [1, 2, 3, 4]:
             raise self.field_error("must name each rotor from 1 to 4 once", "order")
         return self
@@ -47,7 +47,7 @@ class RotorSpeedsAction(Action):
         speeds = SpeedScale(self._min_speed(nominal), nominal.max_rotor_speed, wrenches)
         return Recipe(RotorSpeedActuation, {"order": order}, speeds)
 
-    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
+    def hover_action(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands the hover speeds of the nominal vehicle."""
         min_speed, max_speed = self._min_speed(nominal), float(nominal.max_rotor_speed)
         speeds = hover_rotor_speeds(nominal)
@@ -56,7 +56,7 @@ class RotorSpeedsAction(Action):
         )
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the slowest speed is not below the top speed."""
+        """Raise a validation error if `min_rotor_speed` is not below the top speed of the nominal rotors."""
         super().check_fits(scenario)
         top = scenario.nominal.max_rotor_speed
         if self.min_rotor_speed is not None and not self.min_rotor_speed < top:

@@ -44,7 +44,7 @@ class AttitudeControllerSettings(Model):
         return {"projects": False}
 
     def without_estimator(self) -> "AttitudeControllerSettings":
-        """Return the controller without estimated quantities, for which the gains are designed."""
+        """Return the same controller without its estimator, if it has one. Gain design uses this simpler controller."""
         return self
 
 

@@ -20,10 +20,10 @@ from drake_quad.vehicle.parameters import Inertia
 
 @ATTITUDE_CONTROLLERS.register
 class GeometricAttitude(AttitudeControllerSettings):
-    """PD controller of the rotation matrix error, without a singularity. Thrust is projected on the measured z_B.
+    """PD controller of the rotation matrix error, which has no singularity. Thrust is projected on the measured z_B.
 
     With `euler_sequence: zxy`, `integration: backward_euler` and no transport term, it is the Lee controller of the
-    Crazyflie's firmware.
+    Crazyflie firmware.
     """
 
     kind: Literal["geometric"]
@@ -39,7 +39,7 @@ class GeometricAttitude(AttitudeControllerSettings):
         default="zyx",
         description="meaning of the reference's yaw for a tilted attitude: with zyx, x_B is in the vertical plane of"
         " the heading, as in eq (1) and PX4; with zxy, y_B is perpendicular to the heading, as in Lee et al. (2010) and"
-        " the Crazyflie's firmware",
+        " the Crazyflie firmware",
     )
     transport_term: bool = Field(
         default=True,

@@ -59,7 +59,7 @@ class AttitudeAutopilotSettings(Autopilot):
     """Attitude loop and rate loop on board. The command link carries thrust, attitude and body rates.
 
     By default both loops are proportional. With `attitude_terms` and `rate_terms` they can reproduce the loops of PX4
-    or of the Crazyflie's firmware.
+    or of the Crazyflie firmware.
     """
 
     command: ClassVar = "attitude_target"
@@ -78,7 +78,7 @@ class AttitudeAutopilotSettings(Autopilot):
     k_rate: Gains = Field(description="gain from the error of p, q, r to an angular acceleration (1/s)")
     attitude_terms: LoopTerms | None = Field(
         default=None,
-        description="optional terms of the attitude loop, whose output is a body rate (rad/s); not to be combined with"
+        description="optional terms of the attitude loop, whose output is a body rate (rad/s); cannot be combined with"
         " yaw_weight",
     )
     rate_terms: LoopTerms | None = Field(
@@ -94,7 +94,7 @@ class AttitudeAutopilotSettings(Autopilot):
         " errors of roll, pitch and yaw",
     )
     gyroscopic_torque: bool = Field(
-        default=True, description="whether ω × I ω is added to the torque; PX4 and the Crazyflie's firmware omit it"
+        default=True, description="whether ω × I ω is added to the torque; PX4 and the Crazyflie firmware omit it"
     )
     gyroscope_bandwidth: Positive | None = Field(
         default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
@@ -121,8 +121,8 @@ class AttitudeAutopilotSettings(Autopilot):
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe to build both loops.
 
-        If only body rates are commanded, the attitude loop has no effect. This corresponds to ignoring the attitude by
-        the type mask of the MAVLink message SET_ATTITUDE_TARGET.
+        If only body rates are commanded, the attitude loop has no effect. In MAVLink, this corresponds to a message
+        SET_ATTITUDE_TARGET whose type mask tells the autopilot to ignore the attitude.
         """
         structure = {
             "period": self.period,
@@ -154,10 +154,10 @@ class AttitudeAutopilotSettings(Autopilot):
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, parameters)}
 
     @model_validator(mode="after")
-    def _has_one_error(self) -> "AttitudeAutopilotSettings":
+    def _has_one_kind_of_attitude_loop(self) -> "AttitudeAutopilotSettings":
         if self.yaw_weight is not None and self.attitude_terms is not None:
             raise self.field_error(
-                "must be left out: with yaw_weight the attitude loop is proportional", "attitude_terms"
+                "must be left out, since an attitude loop with yaw_weight is proportional", "attitude_terms"
             )
         return self
 

@@ -27,13 +27,14 @@ class Autopilot(Model):
         period: period of the loops on board, s; None if there are no loops.
         command: name of the signal that the command link carries.
         accepts: types of commands that the autopilot accepts from a control on the ground.
-        feeds_forward: allowed values of a control's field `feed_forward`, the highest fed-forward reference derivative.
+        feeds_forward: allowed values of the field `feed_forward` of a control, which names the highest derivative of
+            the reference that is fed forward.
         noise_free: field values that remove the measurement noise.
         bias_free: field values that remove the measurement bias.
         loop_gains: names of the two fields that contain the attitude and rate loop gains; None if no gains can be
             designed.
-        models_vehicle: True if the autopilot describes the response of autopilot and vehicle as a whole, which was
-            identified with one vehicle.
+        models_vehicle: True if the autopilot describes the joint response of autopilot and vehicle, which was
+            identified with one particular vehicle.
     """
 
     kind: str
@@ -62,8 +63,8 @@ class Autopilot(Model):
 
         Args:
             nominal: parameters of the nominal vehicle.
-            settings: autopilot as in the scenario, with its distributions, which determine which imperfections are
-                modelled.
+            settings: the same autopilot in the scenario, with its distributions. An imperfection is modelled if a
+                distribution or a nonzero number describes it.
             follows_attitude: False if body rates are commanded without an attitude.
         """
 

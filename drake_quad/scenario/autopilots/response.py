@@ -23,7 +23,8 @@ from drake_quad.vehicle.autopilot import ThrustOnly
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import QuadrotorConfig
 
-# Fields of a vehicle that affect only its attitude, which follows the identified response.
+# Fields of a vehicle that affect only its attitude. They have no effect here, since the attitude follows the identified
+# response.
 _ATTITUDE_FIELDS = ("inertia", "rotor_inertia", "drag_factor", "arm_length", "layout", "centre_of_mass")
 
 
@@ -45,7 +46,7 @@ class AttitudeResponseSettings(Autopilot):
         return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe to build a system that passes the thrust on. The vehicle model follows the attitude."""
+        """Return the recipe to build a system that outputs the thrust; the vehicle model itself tracks the attitude."""
         return {"autopilot": Recipe(ThrustOnly, {}, None)}
 
     def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:
@@ -62,8 +63,8 @@ class AttitudeResponseSettings(Autopilot):
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the vehicle has an effect that an identified response cannot include."""
-        for name in scenario.vehicle.without_response():
-            demand = "must be left out: laboratory.autopilot of kind response does not model it"
+        for name in scenario.vehicle.effects_unsupported_by_response():
+            demand = "must be left out, since laboratory.autopilot of kind response does not model it"
             raise scenario.field_error(demand, "vehicle", name)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:

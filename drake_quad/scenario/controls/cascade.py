@@ -29,7 +29,7 @@ class CascadeControl(Control):
     )
     position: AnyPositionController
     network: Network | None = Field(  # type: ignore[misc]
-        default=None, description="fuzzy network around the position controller; none if not given"
+        default=None, description="fuzzy network that corrects the acceleration command; none if not given"
     )
     thrust_vectoring: ThrustVectoringSettings = ThrustVectoringSettings()
     attitude: AnyAttitudeController | None = Field(
@@ -40,15 +40,17 @@ class CascadeControl(Control):
     user_system_paths: ClassVar = {"position_controller": ("position", "network.")}
 
     @model_validator(mode="after")
-    def _fits_its_network(self) -> "CascadeControl":
+    def _supports_its_network(self) -> "CascadeControl":
         """Raise a validation error if the network needs a port that the position controller does not have."""
         if self.network is None:
             return self
         if not self.position.takes_correction:
-            demand = f"must be left out: a position controller of kind {self.position.kind} takes no correction"
+            demand = f"must be left out, since a position controller of kind {self.position.kind} takes no correction"
             raise self.field_error(demand, "network")
         if self.network.inputs.disturbance is not None and not self.position.estimates_disturbance:
-            demand = f"must be left out: a position controller of kind {self.position.kind} estimates no disturbance"
+            demand = (
+                f"must be left out, since a position controller of kind {self.position.kind} estimates no disturbance"
+            )
             raise self.field_error(demand, "network", "inputs", "disturbance")
         return self
 
@@ -76,7 +78,7 @@ class CascadeControl(Control):
         return recipes
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the cascade. A user's `position_controller` has no network around it."""
+        """Return the diagram of the cascade. A user's `position_controller` also replaces the network."""
         position, network = user_systems.get("position_controller"), None
         if position is None:
             network = None if self.network is None else self.network.build(systems)
@@ -112,5 +114,5 @@ class CascadeControl(Control):
         return {"thrust_vectoring": self.thrust_vectoring, "attitude": self.attitude}
 
 
-POSITION_CONTROLLERS.rebuild(CascadeControl)
-ATTITUDE_CONTROLLERS.rebuild(CascadeControl)
+POSITION_CONTROLLERS.add_dependent_models(CascadeControl)
+ATTITUDE_CONTROLLERS.add_dependent_models(CascadeControl)

@@ -22,7 +22,7 @@ class Control(Model):
     """Controller on the ground. In a fleet scenario, randomly drawn values are (N,) arrays.
 
     Attributes:
-        network: fuzzy network around the controller; None without a network.
+        network: fuzzy network that corrects the command of the controller; None without a network.
         user_system_paths: path prefixes of the systems that a user's system replaces, by the name of the user's system.
     """
 
@@ -52,7 +52,7 @@ class Control(Model):
         """Raise a validation error if the control does not fit the other parts of its `Scenario`."""
 
     def loop_period(self, tick: float) -> float:
-        """Return the longest loop period of the control, s, given the tick period (s)."""
+        """Return the longest period of a loop of the control, s, given the tick period (s)."""
         return tick
 
     def commands_rates_only(self) -> bool:
@@ -67,8 +67,8 @@ class Control(Model):
         """Return a short description of each part of the control, such as its kind."""
         return [self.kind]
 
-    def ahead(self) -> tuple[float, ...]:
-        """Return the preview times, s after the present, at which the control uses the reference."""
+    def preview_times(self) -> tuple[float, ...]:
+        """Return the preview times of the control: it reads the reference at these times after the present, s."""
         return ()
 
     def contains_user_system(self) -> bool:

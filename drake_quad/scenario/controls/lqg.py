@@ -60,7 +60,7 @@ class ColouredNoise(Model):
 
 
 class Axis(Model):
-    """Fields that the vertical and the lateral axis share."""
+    """Base class of `VerticalAxis` and `LateralAxis`, with the fields that both have."""
 
     name: ClassVar[str]
 
@@ -79,8 +79,8 @@ class Axis(Model):
         description="standard deviation of the position in a camera frame (m)"
     )
     command_weight: FixedPositive = Field(
-        description="weight ρ of the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
-        " in m/s⁴ with torques over the link"
+        description="weight ρ in the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
+        " in m/s⁴ if the link carries torques"
     )
 
     @abstractmethod
@@ -95,7 +95,7 @@ class Axis(Model):
                 magnitudes.
         """
         try:
-            # SciPy's warnings are ignored. A serious one is followed by an error.
+            # Ignore warnings about ill-conditioned matrices. If the design really fails, SciPy raises an error.
             with np.errstate(all="ignore"), without_warnings():
                 noise = np.array(self._noise(gravity))
                 return axis_loop(self.model(), times, noise=noise, command_weight=self.command_weight)
@@ -128,8 +128,8 @@ class LateralAxis(Axis):
 
     lag: Annotated[FixedSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
-        description="time constant of the rotors (s); required if there is no autopilot; otherwise to be omitted if"
-        " the attitude response includes it",
+        description="time constant of the rotors (s); required if there is no autopilot; with an autopilot, omit it"
+        " if the attitude response includes it",
     )
     natural_frequency: FixedPositive | None = Field(
         default=None, description="natural frequency ω of the attitude response (rad/s); required with an autopilot"
@@ -173,7 +173,7 @@ class LqgControl(Control):
     lateral: LateralAxis
     vertical: VerticalAxis
     network: Network | None = Field(  # type: ignore[misc]
-        default=None, description="fuzzy network around the controller; none if not given"
+        default=None, description="fuzzy network that corrects the command; none if not given"
     )
     yaw: YawPd | None = Field(
         default=None,
@@ -185,7 +185,7 @@ class LqgControl(Control):
     min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
     max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
     max_snap: FixedPositive = Field(
-        default=400.0, description="largest command along x and along y if torques are sent over the link (m/s⁴)"
+        default=400.0, description="largest command along x and along y if the link carries torques (m/s⁴)"
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
@@ -242,7 +242,7 @@ class LqgControl(Control):
 
     def _parameters(self, setting: ControlSetting) -> LqgParameters:
         times, nominal = self.timing(setting.frame, setting.tick), setting.nominal
-        # A command acts for one tick, so the feed-forward is computed for the middle of the tick.
+        # A command is held for one tick, so the feed-forward is computed for the middle of that tick.
         lead = (times.delay_ticks + 0.5) * times.tick
         limits = self.limits().thrust_limits(nominal)
         thrust = ThrustParameters(nominal.mass, nominal.gravity, *limits, lead + self.vertical.lag)

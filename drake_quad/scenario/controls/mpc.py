@@ -32,7 +32,7 @@ _NO_WALLS = (None, None, None)
 
 
 class _Corridor(Model):
-    """Fields that both kinds of corridor share."""
+    """Base class of corridors, with the fields that both kinds have."""
 
     weight: FixedPositive = Field(
         default=10.0,
@@ -84,8 +84,8 @@ class FixedCorridor(_Corridor):
         return constraints.Corridor(lower, upper, follows_reference=False, weight=self.weight)
 
 
-def _per_axis(walls: Sequence[float | None], none: float) -> PerAxis:
-    return PerAxis(*[none if wall is None else wall for wall in walls])
+def _per_axis(walls: Sequence[float | None], without_wall: float) -> PerAxis:
+    return PerAxis(*[without_wall if wall is None else wall for wall in walls])
 
 
 @CONTROLS.register
@@ -101,8 +101,8 @@ class MpcControl(LqgControl):
     )
     tilt_weight: FixedPositive = Field(
         default=10.0,
-        description="weight ζ of the excess ε of the horizontal specific thrust over its value at max_tilt (g), with"
-        " torques over the link",
+        description="weight ζ of the excess ε of the horizontal specific thrust over its value at max_tilt (g), if the"
+        " link carries torques",
     )
     takes_perturbation: ClassVar = True
     torque_fields: ClassVar = ("max_snap", "tilt_weight")
@@ -145,7 +145,7 @@ class _ReferenceSample(NamedTuple):
 
 
 def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
-    """Return the reference at each tick from time zero until it rests. The last entry holds for all later ticks."""
+    """Return the reference at each tick, from time zero until it stops. The last entry applies to all later ticks."""
     layout = layout_of(_ReferenceSample)
     rows = plan.reference().vector_values(tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2))
     samples = [layout.build(row) for row in rows.T.tolist()]

@@ -26,8 +26,8 @@ from drake_quad.scenario.quantities import Gains, NonNegative, Period, Positive,
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import ForceB
 
-# Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
-_ROUNDING = 1e-9
+# Largest rounding error in the ratio of two periods, which must be a whole number.
+_RATIO_TOLERANCE = 1e-9
 
 
 class PidLoop(LoopTerms):
@@ -108,8 +108,8 @@ class PidCascadeControl(Control):
     kind: Literal["pid_cascade"]
     period: Period | None = Field(
         default=None,
-        description="period of the loops (s), a multiple of the period of the command link; the period of the link if"
-        " not given",
+        description="period of the loops (s), a multiple of the period of the command link; by default, the period of"
+        " the link",
     )
     position: PidLoop = Field(description="loop from the position error (m) to a velocity (m/s)")
     velocity: PidLoop = Field(
@@ -120,7 +120,7 @@ class PidCascadeControl(Control):
     network: ClassVar = None
 
     @model_validator(mode="after")
-    def _has_limits_once(self) -> "PidCascadeControl":
+    def _limits_are_consistent(self) -> "PidCascadeControl":
         if self.command.has_limits:
             if self.velocity.limit is not None:
                 raise self.field_error("must be left out, since the command itself is limited", "velocity", "limit")
@@ -144,7 +144,7 @@ class PidCascadeControl(Control):
             demand = "must be a kind that controls the attitude, since control of kind pid_cascade commands an attitude"
             raise scenario.field_error(demand, "laboratory", "autopilot", "kind")
         tick = laboratory.command_link.period
-        if self.period is not None and abs(self.period / tick - max(1, self.num_ticks(tick))) > _ROUNDING:
+        if self.period is not None and abs(self.period / tick - max(1, self.num_ticks(tick))) > _RATIO_TOLERANCE:
             raise scenario.field_error(
                 f"must be a multiple of the period of the command link, {tick} s", "control", "period"
             )

@@ -45,15 +45,15 @@ class PolicyControl(Control):
     user_system_paths: ClassVar = {"policy": ("policy",)}
 
     @model_validator(mode="after")
-    def _has_rows(self) -> "PolicyControl":
+    def _network_has_right_size(self) -> "PolicyControl":
         """Raise an error if the network's inputs and outputs do not match the sizes of observation and action."""
         if self.policy is None:
             return self
         last = len(self.policy.layers) - 1
         rows = self.policy_rows()
-        for index, side, wanted in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
-            if getattr(self.policy.layers[index], side) != wanted:
-                demand = f"must be {wanted}, the number of rows of this control's observation or action"
+        for index, side, size in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
+            if getattr(self.policy.layers[index], side) != size:
+                demand = f"must be {size}, the number of elements of this control's observation or action"
                 raise self.field_error(demand, "policy", "layers", index, side)
         return self
 
@@ -80,7 +80,7 @@ class PolicyControl(Control):
             "num_ahead": len(observation.ahead),
             "clearance": observation.clearance(setting.space),
         }
-        numbers = ObservationParameters(nominal.max_rotor_speed, action.hovering(nominal))
+        numbers = ObservationParameters(nominal.max_rotor_speed, action.hover_action(nominal))
         recipes = {"observation": Recipe(policies.Observation, structure, numbers)}
         if self.policy is not None:
             network = {"period": setting.tick, "network": self.policy.network()}
@@ -111,8 +111,8 @@ class PolicyControl(Control):
         """Return whether the actions are body rates."""
         return self.action.commands == "rates"
 
-    def ahead(self) -> tuple[float, ...]:
-        """Return the preview times, s after the present, at which the policy observes the reference."""
+    def preview_times(self) -> tuple[float, ...]:
+        """Return the preview times of the policy: it observes the reference at these times after the present, s."""
         return self.observation.ahead
 
     def policy_rows(self) -> dict[str, int]:
@@ -129,5 +129,5 @@ class PolicyControl(Control):
         return {name: getattr(self, name) for name in ("action", "observation", "thrust_vectoring", "attitude")}
 
 
-ATTITUDE_CONTROLLERS.rebuild(PolicyControl)
-ACTIONS.rebuild(PolicyControl)
+ATTITUDE_CONTROLLERS.add_dependent_models(PolicyControl)
+ACTIONS.add_dependent_models(PolicyControl)

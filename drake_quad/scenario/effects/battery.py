@@ -9,8 +9,8 @@ from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds, extremes, field_from_record
 from drake_quad.vehicle.battery import Battery
 
-# Vehicles of 20 kg have at most 14 cells in series (59 V) and 100 A h. A cell of a 20 g vehicle has a resistance of 0.3
-# Ω.
+# Vehicles of 20 kg have at most 14 cells in series (59 V) and 100 A h. The single cell of a 20 g vehicle has an
+# internal resistance of 0.3 Ω.
 _PLAUSIBLE_VOLTAGE = Plausible("V", "mV", 1e-3, upper=120.0)
 _PLAUSIBLE_CAPACITY = Plausible("A h", "mA h", 1e-3, upper=200.0)
 _PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, upper=2.0)
@@ -44,7 +44,7 @@ class BatteryEffect(VehicleEffect):
     belongs_to_airframe: ClassVar = True
 
     @model_validator(mode="after")
-    def _falls(self) -> "BatteryEffect":
+    def _voltage_falls(self) -> "BatteryEffect":
         lowest = extremes(self.voltage)[0] or 0.0
         highest_empty = extremes(self.empty_voltage)[1]
         if highest_empty is None or not lowest >= highest_empty:

@@ -35,6 +35,6 @@ class BodyDragEffect(AirLoadEffect):
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
     def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the derivative of drag with respect to speed, N s/m, for the axis with the largest derivative."""
+        """Return the largest derivative of the drag along an axis with respect to the speed along it, N s/m."""
         pairs = zip(self.linear, self.quadratic, strict=True)
         return reduce(np.maximum, [linear + 2.0 * quadratic * airspeed for linear, quadratic in pairs])

@@ -66,7 +66,7 @@ class VehicleEffect(Model):
         return 0.0
 
     def natural_frequency(self, vehicle: Any) -> Row:
-        """Return the hover frequency of the oscillator that the effect adds, rad/s, or 0 if it adds none."""
+        """Return the natural frequency in hover of the oscillation that the effect adds, rad/s; 0 if it adds none."""
         return 0.0
 
     def event_times(self) -> tuple[Row, ...]:

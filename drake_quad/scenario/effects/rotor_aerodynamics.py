@@ -38,7 +38,7 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the derivative of force with respect to speed, N s/m, for the axis with the largest derivative."""
+        """Return the largest derivative of the force along an axis with respect to the speed along it, N s/m."""
         total_rotor_speed = len(RotorSpeed._fields) * vehicle.max_rotor_speed
         along_z = abs(self.climb) + self.inflow * total_rotor_speed + 2.0 * self.lift * airspeed
         return np.maximum(self.drag * total_rotor_speed, along_z)

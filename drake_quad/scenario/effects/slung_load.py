@@ -24,7 +24,7 @@ class SlungLoadEffect(VehicleEffect):
         SlungLoad, "length", "length of the rod"
     )
     field: ClassVar = "slung_load"
-    description: ClassVar = "load on a cable; none if not given, and not to be combined with a payload"
+    description: ClassVar = "load on a cable; none if not given; cannot be combined with a payload"
     record: ClassVar = SlungLoad
     is_nominal: ClassVar = False
     depends_on_time: ClassVar = False

@@ -13,7 +13,7 @@ from drake_quad.scenario.estimators.inertial import (
     AIDING_DESCRIPTION,
     InertialEstimator,
     aiding_sensor,
-    estimate_of,
+    exact_estimate,
 )
 from drake_quad.scenario.quantities import FixedSpan
 from drake_quad.signals import State
@@ -30,7 +30,7 @@ class TimeConstantSettings(Model):
 
 
 class UnweightedAiding(Model):
-    """Use of a sensor that corrects the estimate."""
+    """Empty mapping, which selects a sensor to correct the estimate."""
 
 
 @ESTIMATORS.register
@@ -52,7 +52,7 @@ class ComplementaryFilterSettings(InertialEstimator):
         parameters = ComplementaryParameters(
             record_like(TimeConstants, self.time_constants),
             tuple([each.fleet.aiding_parameters((1.0,) * each.settings.num_components) for each in sources.values()]),
-            estimate_of(start),
+            exact_estimate(start),
             gravity=scenario.nominal.gravity,
         )
         aiding = tuple([aiding_sensor(name, each.settings, period) for name, each in sources.items()])

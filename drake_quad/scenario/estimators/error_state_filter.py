@@ -17,9 +17,9 @@ from drake_quad.scenario.estimators.inertial import (
     INERTIAL_SENSORS,
     InertialEstimator,
     aiding_sensor,
-    estimate_of,
+    exact_estimate,
+    none_if_zero,
     path_of,
-    unless_zero,
 )
 from drake_quad.scenario.quantities import (
     FixedAngleNoise,
@@ -36,7 +36,7 @@ _MAX_BLOCK_TIME = 0.02
 
 
 class AidingSettings(Model):
-    """Use of a sensor that corrects the estimate."""
+    """Settings of the filter for a sensor that corrects the estimate."""
 
     deviation: FixedPositive | Annotated[tuple[FixedPositive, ...], Field(strict=False)] | None = Field(
         default=None,
@@ -44,16 +44,16 @@ class AidingSettings(Model):
         " each component; by default, the standard deviation of the errors of the sensor without its biases",
     )
     latency: Annotated[int, Field(ge=0, le=50)] | None = Field(
-        default=None, description="assumed delay of the readings, in whole periods; that of the sensor by default"
+        default=None, description="assumed delay of the readings, in whole periods; by default, that of the sensor"
     )
     innovation_limit: FixedPositive = Field(
         default=5.0,
-        description="largest innovation that is used, as a multiple of its standard deviation (1); the default is that"
-        " of PX4's gates",
+        description="largest innovation that is used, as a multiple of its standard deviation (1); the default is PX4's"
+        " gate size",
     )
     reset_time: FixedSpan = Field(
         default=0.5,
-        description="time of rejected readings after which the readings reset the measured quantity (s)",
+        description="duration of successive rejected readings after which a reading resets the measured quantity (s)",
     )
 
 
@@ -77,16 +77,16 @@ class ErrorStateFilterSettings(InertialEstimator):
     kind: Literal["error_state_filter"]
     aiding: dict[str, AidingSettings] | None = Field(default=None, description=AIDING_DESCRIPTION)
     gyroscope_noise: FixedPositive | None = Field(
-        default=None, description="assumed noise density (rad/s/√Hz); that of the gyroscope by default"
+        default=None, description="assumed noise density (rad/s/√Hz); by default, that of the gyroscope"
     )
     accelerometer_noise: FixedPositive | None = Field(
-        default=None, description="assumed noise density (m/s²/√Hz); that of the accelerometer by default"
+        default=None, description="assumed noise density (m/s²/√Hz); by default, that of the accelerometer"
     )
     gyroscope_walk: FixedNonNegative | None = Field(
-        default=None, description="assumed random walk of the bias (rad/s/√s); that of the gyroscope by default"
+        default=None, description="assumed random walk of the bias (rad/s/√s); by default, that of the gyroscope"
     )
     accelerometer_walk: FixedNonNegative | None = Field(
-        default=None, description="assumed random walk of the bias (m/s²/√s); that of the accelerometer by default"
+        default=None, description="assumed random walk of the bias (m/s²/√s); by default, that of the accelerometer"
     )
     initial_deviation: InitialDeviation = InitialDeviation()
     default_aiding: ClassVar = AidingSettings()
@@ -98,21 +98,21 @@ class ErrorStateFilterSettings(InertialEstimator):
         imu = laboratory.named_sensors["accelerometer"].position
         aiding, parameters = [], []
         for name, source in self.sources(scenario.laboratory, laboratory).items():
-            settings, used = source.settings, filter_of_fleet.use_of(name)
+            settings, used = source.settings, filter_of_fleet.aiding_settings(name)
             latency = settings.latency if used.latency is None else used.latency
             aiding.append(aiding_sensor(name, settings, period, int(latency)))
-            place = source.fleet.place
-            lever = None if place is None else unless_zero(minus(Vector(*place), Vector(*imu)))
+            place = source.fleet.mounting_position
+            lever = None if place is None else none_if_zero(minus(Vector(*place), Vector(*imu)))
             parameters.append(
                 AidingParameters(
-                    source.fleet.aiding_parameters(_for_each(used.deviation, settings.num_components)),
+                    source.fleet.aiding_parameters(_per_component(used.deviation, settings.num_components)),
                     used.innovation_limit**2,
                     max(1.0, float(round(used.reset_time / settings.period))),
                     lever,
                 )
             )
         # The filter assumes that the centre of mass is the origin of the layout.
-        from_centre = unless_zero(Vector(*imu))
+        from_centre = none_if_zero(Vector(*imu))
         deviation = self.initial_deviation
         filter_parameters = FilterParameters(
             InertialNoise(
@@ -129,19 +129,23 @@ class ErrorStateFilterSettings(InertialEstimator):
                 *[deviation.accelerometer_bias] * 3,
             ),
             tuple(parameters),
-            estimate_of(start, from_centre),
+            exact_estimate(start, from_centre),
             gravity=scenario.nominal.gravity,
             imu=from_centre,
         )
         structure = {
             "aiding": tuple(aiding),
             "period": period,
-            "block_samples": _block_samples([each.samples for each in aiding], period),
+            "block_samples": _block_samples([each.period_samples for each in aiding], period),
         }
         return Recipe(ErrorStateKalmanFilter, structure, filter_parameters)
 
     def with_explicit_noise(self, laboratory: Any) -> "ErrorStateFilterSettings":
-        """Return the filter with explicit assumptions about noise; the laboratory may be that of a fleet."""
+        """Return the filter with all assumptions about noise as settings, taken from the sensors where none is given.
+
+        Args:
+            laboratory: laboratory with the sensors, which may be that of a fleet.
+        """
         gyroscope, accelerometer = (laboratory.named_sensors[name] for name in INERTIAL_SENSORS)
         update = {
             name: value if getattr(self, name) is None else getattr(self, name)
@@ -159,9 +163,9 @@ class ErrorStateFilterSettings(InertialEstimator):
             used[name] = source.aiding.model_copy(update={"deviation": given})
         return self.model_copy(update={**update, "aiding": used})
 
-    def flaws(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
-        """Yield what is wrong with the sensors of a laboratory, as a demand and the path of the field."""
-        yield from super().flaws(laboratory)
+    def sensor_errors(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
+        """Yield an error message and the path of a field for each problem with the sensors of a laboratory."""
+        yield from super().sensor_errors(laboratory)
         for name, source in self.sources(laboratory, laboratory).items():
             settings, given = source.settings, source.aiding.deviation
             if source.aiding.latency is None and isinstance(settings.latency, Distribution):
@@ -172,8 +176,8 @@ class ErrorStateFilterSettings(InertialEstimator):
                 yield demand, "estimator", "aiding", name, "deviation"
             if given is None and settings.lacks_noise():
                 yield (
-                    f"must have noise, or laboratory.estimator.aiding.{name}.deviation must be given: a filter needs a"
-                    " positive standard deviation",
+                    f"must have noise, or laboratory.estimator.aiding.{name}.deviation must be given, since a filter"
+                    " needs a positive standard deviation",
                     *path_of(name, laboratory),
                 )
         for name, noise in zip(INERTIAL_SENSORS, (self.gyroscope_noise, self.accelerometer_noise), strict=True):
@@ -182,13 +186,20 @@ class ErrorStateFilterSettings(InertialEstimator):
                 yield demand, *path_of(name, laboratory), "noise_density"
 
 
-def _for_each(deviation: Any, num_components: int) -> tuple[Any, ...]:
-    """Return the standard deviation of each component, given one for all or one for each."""
+def _per_component(deviation: Any, num_components: int) -> tuple[Any, ...]:
+    """Return a tuple with the standard deviation of each component, given this tuple or one number for all."""
     return deviation if isinstance(deviation, tuple) else (deviation,) * num_components
 
 
 def _block_samples(samples: list[int], period: float) -> int:
-    """Return the largest number of samples in a block that divides all periods and is not too long."""
+    """Return the number of inertial samples between two propagations of the covariance.
+
+    It is the largest number that divides the period of every aiding sensor and spans at most `_MAX_BLOCK_TIME`.
+
+    Args:
+        samples: number of inertial samples in a period of each aiding sensor.
+        period: sampling period of the inertial sensors, s.
+    """
     common = math.gcd(*samples)
     limit = max(1, int(_MAX_BLOCK_TIME / period + 1e-6))
     return max(size for size in range(1, limit + 1) if common % size == 0)

@@ -41,9 +41,9 @@ class Estimator(Model):
         return []
 
     def with_explicit_noise(self, laboratory: Any) -> "Estimator":
-        """Return the estimator with its assumptions about the noise of a laboratory's sensors as explicit settings.
+        """Return the estimator with its assumptions about sensor noise as settings.
 
-        The assumptions then remain if the noise is removed from the laboratory.
+        The estimator then keeps these assumptions if the noise is removed from the laboratory.
         """
         return self
 

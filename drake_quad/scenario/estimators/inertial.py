@@ -22,7 +22,13 @@ AIDING_DESCRIPTION = (
 
 
 class AidingSource(NamedTuple):
-    """Aiding sensor: its settings, the same settings in the fleet, and how the estimator uses it."""
+    """Aiding sensor of an estimator.
+
+    Attributes:
+        settings: settings of the sensor in the scenario.
+        fleet: the same settings in `Batch.fleet_scenario`, in which random fields are arrays.
+        aiding: settings of the estimator for this sensor.
+    """
 
     settings: Any
     fleet: Any
@@ -33,13 +39,14 @@ class InertialEstimator(Estimator):
     """Estimator on board, which integrates gyroscope and accelerometer and is corrected by other sensors.
 
     Attributes:
-        aiding: use of each sensor that corrects the estimate, by the name of its port; None for all sensors on board.
-        default_aiding: use of a sensor without settings of its own.
+        aiding: settings of the estimator for each sensor that corrects the estimate, by port name; None to use all
+            sensors on board with `default_aiding`.
+        default_aiding: default settings of the estimator for a sensor.
     """
 
     integrates_sensors: ClassVar = True
     default_aiding: ClassVar[Model]
-    if TYPE_CHECKING:  # at runtime, pydantic would order the fields of members by this annotation
+    if TYPE_CHECKING:  # at runtime, this annotation would change the order of the fields of subclasses
         aiding: dict[str, Any] | None
 
     @property
@@ -51,8 +58,8 @@ class InertialEstimator(Estimator):
         """Return the names of the inertial and aiding sensors."""
         return [*INERTIAL_SENSORS, *self.sources(laboratory, laboratory)]
 
-    def use_of(self, name: str) -> Any:
-        """Return the use of an aiding sensor."""
+    def aiding_settings(self, name: str) -> Any:
+        """Return the settings of the estimator for an aiding sensor."""
         return self.default_aiding if self.aiding is None else self.aiding[name]
 
     def sources(self, laboratory: Any, fleet: Any) -> dict[str, AidingSource]:
@@ -61,17 +68,17 @@ class InertialEstimator(Estimator):
         sensors, drawn = laboratory.named_sensors, fleet.named_sensors
         every = cameras | {name: (sensors[name], drawn[name]) for name in sensors}
         names = [*self.aiding] if self.aiding is not None else [name for name in sensors if sensors[name].aids]
-        return {name: AidingSource(every[name][0], every[name][1], self.use_of(name)) for name in names}
+        return {name: AidingSource(every[name][0], every[name][1], self.aiding_settings(name)) for name in names}
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if a sensor is missing, or if the estimator cannot use it."""
-        for demand, *path in self.flaws(scenario.laboratory):
+        for demand, *path in self.sensor_errors(scenario.laboratory):
             raise scenario.field_error(demand, "laboratory", *path)
 
-    def flaws(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
-        """Yield what is wrong with the sensors of a laboratory, as a demand and the path of the field.
+    def sensor_errors(self, laboratory: Any) -> Iterator[tuple[Any, ...]]:
+        """Yield an error message and the path of a field for each problem with the sensors of a laboratory.
 
-        Each flaw presumes that there are no earlier ones.
+        The caller must stop at the first problem, since each check relies on the earlier ones.
         """
         sensors = laboratory.named_sensors
         for name in INERTIAL_SENSORS:
@@ -126,17 +133,17 @@ def aiding_sensor(name: str, settings: Any, period: float, latency: int = 0) -> 
     return Aiding(name, settings.aids.kind, round(settings.period / period), settings.can_miss, latency)
 
 
-def unless_zero(offset: Vector) -> Vector | None:
+def none_if_zero(offset: Vector) -> Vector | None:
     """Return an offset, which may contain (N,) arrays; None if it is zero for all vehicles."""
     return offset if any(np.any(np.not_equal(each, 0.0)) for each in offset) else None
 
 
-def estimate_of(start: State, imu: Vector | None = None) -> Estimate:
-    """Return the exact estimate of an inertial measurement unit without biases.
+def exact_estimate(start: State, imu: Vector | None = None) -> Estimate:
+    """Return the estimate that equals the true state at the inertial measurement unit, with zero biases.
 
     Args:
         start: state of the vehicle.
-        imu: position of the unit relative to the centre of mass, m; None if it is there.
+        imu: position of the unit relative to the centre of mass, m; None if it is at the centre of mass.
     """
     axes = BodyAxes.of(start.roll, start.pitch, start.yaw)
     position, velocity = Vector(start.x, start.y, start.z), Vector(start.v_x, start.v_y, start.v_z)

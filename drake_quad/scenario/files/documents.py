@@ -17,15 +17,16 @@ from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 _PARSER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _TAG_PREFIX = "tag:yaml.org,2002:"
-# Plain scalars of the core schema of YAML 1.2.2, section 10.3.2. PyYAML itself follows YAML 1.1, where `on` is true.
-_PATTERNS = {
+# Patterns of plain scalars in the core schema of YAML 1.2.2, section 10.3.2. PyYAML itself follows YAML 1.1, in which
+# `on` means true.
+_SCALAR_PATTERNS = {
     "null": re.compile(r"~|null|Null|NULL|"),
     "bool": re.compile(r"true|True|TRUE|false|False|FALSE"),
     "int": re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"),
     "float": re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
 }
-# Characters that are not among the printable ones of YAML 1.2.2, section 5.1.
-_FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+# Characters that are not printable according to YAML 1.2.2, section 5.1.
+_FORBIDDEN_CHARACTER = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 class Document(NamedTuple):
@@ -61,7 +62,7 @@ def parse_document(text: str, source: str, *, with_line_numbers: bool = True, ma
         mark = Mark(source, position.line + 1 if with_line_numbers and position else 0)
         raise InputError(f"{mark}: is not YAML: {shorten_text(str(error.problem or error.context), 100)}") from None
     except (ReaderError, UnicodeEncodeError):
-        forbidden = _FORBIDDEN.search(text)
+        forbidden = _FORBIDDEN_CHARACTER.search(text)
         assert forbidden is not None
         mark = Mark(source, text.count("\n", 0, forbidden.start()) + 1 if with_line_numbers else 0)
         raise InputError(
@@ -70,7 +71,13 @@ def parse_document(text: str, source: str, *, with_line_numbers: bool = True, ma
 
 
 class _Anchored(NamedTuple):
-    """Tree to which aliases may refer, with its number of nodes and levels."""
+    """Tree with an anchor, to which aliases can refer.
+
+    Attributes:
+        tree: tree with the anchor.
+        nodes: number of keys and values in the tree.
+        levels: number of nested levels in the tree.
+    """
 
     tree: Tree
     nodes: int
@@ -109,7 +116,7 @@ class _Reader:
         return Mark(self._source, event.start_mark.line + 1 if self._with_line_numbers else 0)
 
     def _enter(self, event: Any, nodes: int, levels: int) -> None:
-        """Count nodes and nesting levels towards the limits."""
+        """Count nodes and nested levels, and raise an error if a limit is exceeded."""
         self._nodes += nodes
         self._deepest = max(self._deepest, self._level + levels)
         if self._nodes > self._max_nodes:
@@ -152,7 +159,7 @@ class _Reader:
             return dict(self._items())
         if isinstance(event, yaml.SequenceStartEvent) and tag in ("", "!", "seq"):
             return [self._tree(item) for item in self._until(yaml.SequenceEndEvent)]
-        if isinstance(event, yaml.ScalarEvent) and tag in ("", "!", "str", *_PATTERNS):
+        if isinstance(event, yaml.ScalarEvent) and tag in ("", "!", "str", *_SCALAR_PATTERNS):
             return self._scalar(event, tag)
         raise InputError(
             f"{self._mark(event)}: the tag {shorten_text(event.tag)} is not allowed; write numbers, text, lists and"
@@ -169,7 +176,7 @@ class _Reader:
             mark = self._mark(event)
             key = self._tree(event).value
             if not isinstance(key, str):
-                raise InputError(f"{mark}: a field's name must be text")
+                raise InputError(f"{mark}: the name of a field must be text")
             if key in seen:
                 raise InputError(f"{mark}: {short_repr(key)} is already given at {seen[key]}")
             seen[key] = mark
@@ -198,12 +205,12 @@ def _implicit_type(text: str) -> str:
     """Return the type of a plain scalar."""
     # YAML 1.1 allows underscores between digits, YAML 1.2 does not. Such a scalar is a mistaken number, not a text.
     digits = text.replace("_", "") if text[:1].isdecimal() else text
-    return next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(digits)), "str")
+    return next((name for name, pattern in _SCALAR_PATTERNS.items() if pattern.fullmatch(digits)), "str")
 
 
 def _converted(text: str, tag: str) -> Any:
     """Convert the text of a scalar. Raise ValueError if it is not of the type that the tag names."""
-    if not _PATTERNS[tag].fullmatch(text) and not (tag == "float" and _PATTERNS["int"].fullmatch(text)):
+    if not _SCALAR_PATTERNS[tag].fullmatch(text) and not (tag == "float" and _SCALAR_PATTERNS["int"].fullmatch(text)):
         raise ValueError(f"{text} is not of type {tag}")
     if tag == "null":
         return None

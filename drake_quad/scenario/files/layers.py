@@ -2,7 +2,7 @@
 
 Mappings are merged field by field, and any other value is replaced. Three parts are replaced as a whole, because a
 mixture of two vehicles, controls or routes makes no sense: the vehicle, the control, and the route together with its
-duration and the time window of the metrics.
+duration and metrics.
 """
 
 from drake_quad.errors import InputError, join_names, shorten_text
@@ -12,7 +12,7 @@ from drake_quad.scenario.distributions import is_distribution
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.files.marked_tree import Tree
 from drake_quad.scenario.files.relative import (
-    are_relative,
+    has_relative_items,
     is_relative,
     relative_part,
     with_base_value,
@@ -22,7 +22,7 @@ from drake_quad.scenario.models import Airframe
 from drake_quad.scenario.paths import is_item, join_path
 
 DEFAULT_VEHICLE = "default_vehicle"
-"""Key of the vehicle that flies if no layer describes a vehicle."""
+"""Key of the vehicle that is used if no layer describes a vehicle."""
 # Kind that is assumed for a mapping without `kind`, by the name of its field.
 _DEFAULT_KINDS = {"control": CONTROLS.default_kind}
 _ROTOR_POSITION_FIELDS = ("layout", "arm_length")
@@ -32,7 +32,7 @@ _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_ki
 # Fields of `nominal` that describe an airframe. A description also needs one of the fields that give the rotor
 # positions.
 _AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FLIGHT_FIELDS["nominal"]}
-# A new route replaces all of these fields, since the duration and the time window of the metrics belong to the route.
+# A new route removes all of these fields from the base, since the duration and the metrics belong to the old route.
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
 
@@ -51,20 +51,20 @@ def merge(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
     old, new = base.value, extension.value
     if is_relative(extension):
         return with_base_value(base, extension)
-    if are_relative(extension):
+    if has_relative_items(extension):
         return with_base_values(base, extension)
     if not (isinstance(old, dict) and isinstance(new, dict)) or is_relative(base):
         return extension
-    before = old["kind"].value if "kind" in old else default_kind
-    other_kind = "kind" in new and before is not None and new["kind"].value != before
-    if other_kind or _is_distribution(old) or _is_distribution(new):
+    base_kind = old["kind"].value if "kind" in old else default_kind
+    kinds_differ = "kind" in new and base_kind is not None and new["kind"].value != base_kind
+    if kinds_differ or _is_distribution(old) or _is_distribution(new):
         return extension
     parts = {key: merge(old[key], tree, _DEFAULT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **parts}, extension.mark)
 
 
 def expand_list_items(tree: Tree, override: Tree, path: str = "") -> Tree:
-    """Expand an override: where it gives single list items by index, insert the whole list.
+    """Return an override in which whole lists replace single list items that are given by index.
 
     Args:
         tree: part of the scenario to which the override applies.
@@ -121,8 +121,7 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
       new vehicle. If the base has an autopilot response that was identified with the old vehicle, the autopilot and the
       control that depends on it are removed.
     - A control with a kind replaces the control of the base.
-    - A route with a kind replaces the route of the base, together with the duration and the time window
-      of the metrics.
+    - A route with a kind replaces the route of the base, together with the duration and the metrics.
     """
     base_fields, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
@@ -134,8 +133,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     result = with_override(base._replace(value=base_fields), layer)
     if not new_vehicle:
         return result
-    # Relative distributions apply to the new vehicle, so they are merged last. The relative
-    # distributions of the layer are merged after those of the base, over which they take precedence.
+    # Relative distributions apply to the new vehicle, so they are merged last. Those of the layer take precedence over
+    # those of the base.
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:

@@ -103,30 +103,32 @@ class Library:
                 self._documents[path] = self.parse(text, str(path), with_line_numbers=True)
         return self._documents[path]
 
-    def _resolve(self, path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...]) -> tuple[str, Tree]:
+    def _resolve(self, path: Path, name: str | None, referrer: Mark, stack: tuple[str, ...]) -> tuple[str, Tree]:
         if stack and not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises where a name is too long
-            raise InputError(f"{asked_by}: extends {Mark(str(path), 0)}, which does not exist")
+            raise InputError(f"{referrer}: extends {Mark(str(path), 0)}, which does not exist")
         scenarios = self._document(path).value
         file = Mark(str(path), 0)
         if not isinstance(scenarios, dict) or not scenarios:
             raise InputError(f"{file}: contains no scenario; the top-level keys of the file must be names of scenarios")
         if name is None:
             if len(scenarios) > 1:
-                origin = "" if asked_by == file else f"{asked_by}: "
-                # `asked_by` may be the short name of a shipped scenario instead of a path.
-                called = file if stack else str(asked_by).removesuffix(":")
+                origin = "" if referrer == file else f"{referrer}: "
+                # The referrer may be the short name of a shipped scenario instead of a path.
+                shown_file = file if stack else str(referrer).removesuffix(":")
                 names = join_names([*scenarios])
-                raise InputError(f"{origin}{file} contains several scenarios; choose one as {called}:NAME from {names}")
+                raise InputError(
+                    f"{origin}{file} contains several scenarios; choose one as {shown_file}:NAME from {names}"
+                )
             name = next(iter(scenarios))
         if name not in scenarios:
             question = did_you_mean(name, scenarios, 1)
             raise InputError(
-                f"{asked_by}: there is no scenario {short_repr(name)} in {file}, which contains"
+                f"{referrer}: there is no scenario {short_repr(name)} in {file}, which contains"
                 f" {join_names([*scenarios])}{f'; {question}' if question else ''}"
             )
         identity = f"{os.path.realpath(path)}:{name}"
         if identity in stack:
-            raise InputError(f"{asked_by}: {shorten_text(name)} extends itself")
+            raise InputError(f"{referrer}: {shorten_text(name)} extends itself")
         if identity not in self._resolved:
             self._resolved[identity] = self._with_bases(path, name, scenarios[name], (*stack, identity))
         return name, self._resolved[identity]
@@ -152,16 +154,16 @@ class Library:
         for spec in _bases(names):
             self._bases -= 1
             if self._bases < 0:
-                raise InputError(f"{spec.mark}: extends too many scenarios: the limit is {MAX_BASES}")
+                raise InputError(f"{spec.mark}: extends too many scenarios; the limit is {MAX_BASES}")
             base_path, base_name = _base(spec, path, self._document(path))
             yield self._resolve(base_path, base_name, spec.mark, stack)[1]
 
 
 def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
-    """Return the file and the name of a scenario that another scenario extends.
+    """Return the path of the file and the name of a scenario that another scenario extends.
 
-    FILE is relative to the folder of the file with `extends`. A name without suffix is a scenario in the same file or,
-    if there is none, a shipped scenario.
+    A file name is relative to the folder of the file with `extends`. A name without a file suffix is a scenario in the
+    same file or, if there is none, a shipped scenario.
 
     Args:
         spec: text in `extends` that names the scenario.
@@ -213,7 +215,7 @@ def locate(spec: str) -> tuple[Path, str | None]:
 
 
 def is_shipped(spec: str) -> bool:
-    """Return whether a spec names a scenario that comes with the package instead of a file."""
+    """Return whether a spec names a shipped scenario instead of a file."""
     return not split_spec(spec)[0].endswith(_SUFFIXES) and not os.path.isfile(spec) and _shipped(spec) is not None  # noqa: PTH113 - as above
 
 

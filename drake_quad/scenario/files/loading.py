@@ -18,7 +18,7 @@ from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
 from drake_quad.scenario.files.override_mapping import override_trees
-from drake_quad.scenario.files.relative import refuse_dropped, refuse_outside_vehicle, with_absolute_distributions
+from drake_quad.scenario.files.relative import raise_no_base_value, refuse_outside_vehicle, with_absolute_distributions
 from drake_quad.scenario.files.saving import saved_options
 from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
@@ -73,7 +73,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         InputError: if the file or an override is wrong; the message names the file, line, field, value and the allowed
             values.
     """
-    return validate(Scenario, _loaded(spec, overrides, layers))
+    return validate(Scenario, _load_tree(spec, overrides, layers))
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
@@ -122,7 +122,7 @@ def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequ
     Raises:
         InputError: under the conditions of `load_scenario`.
     """
-    tree = _loaded(spec, overrides, layers, defaults_text=_UNDESIGNED_DEFAULTS)
+    tree = _load_tree(spec, overrides, layers, defaults_text=_UNDESIGNED_DEFAULTS)
     return validate(Scenario, _with_attitude_on_board(tree))
 
 
@@ -166,17 +166,17 @@ def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
         InputError: as for `load_scenario`, or if an override names a field that a mission does not have.
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
-    tree = _loaded(spec, overrides, foreign=others)
+    tree = _load_tree(spec, overrides, fixed_fields=others)
     return validate(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
-def _loaded(
+def _load_tree(
     spec: str | Path,
     overrides: Overrides,
     layers: Sequence[str | Path] = (),
     *,
     defaults_text: str = "",
-    foreign: Set[str] = frozenset(),
+    fixed_fields: Set[str] = frozenset(),
 ) -> Tree:
     """Return the tree of a scenario after merging its layers and overrides.
 
@@ -185,10 +185,10 @@ def _loaded(
         overrides: overrides for `load_scenario`.
         layers: layers for `load_scenario`.
         defaults_text: YAML text with defaults for fields that the scenario does not have.
-        foreign: names of fields that no override may name.
+        fixed_fields: names of fields that overrides must not change.
 
     Raises:
-        InputError: if the scenario cannot be read, or an override names a foreign field.
+        InputError: if the scenario cannot be read, or an override changes one of `fixed_fields`.
     """
     library = Library()
     name, tree = library.find(spec)
@@ -198,10 +198,10 @@ def _loaded(
         tree = with_layer(tree, library.find(layer)[1])
     tree = with_default_vehicle(tree)
     for override in _trees_of(overrides, library):
-        for field in override.value.keys() & foreign:
+        for field in override.value.keys() & fixed_fields:
             allowed = ", ".join(Mission.model_fields)
             raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
-        # The tree keeps the mark of the file, since messages about missing fields refer to the file.
+        # The merged tree keeps the mark of the file, to which messages about missing fields refer.
         tree = with_override(tree, expand_list_items(tree, override))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
@@ -221,12 +221,12 @@ def _without_relatives(tree: Tree) -> Tree:
         return tree
     absolute, dropped = with_absolute_distributions(tree, nominal_vehicle, Vehicle())
     if dropped:
-        _refuse_needed(dropped, absolute)
+        _check_required_fields(dropped, absolute)
     return absolute
 
 
-def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
-    """Raise InputError if a field that the vehicle requires had only a relative distribution, which was dropped."""
+def _check_required_fields(dropped: Mapping[str, Tree], tree: Tree) -> None:
+    """Raise InputError if a required field of the vehicle is missing because its relative distribution was dropped."""
     data = tree.value["vehicle"].to_python()
     try:
         Vehicle.model_validate(data)
@@ -238,7 +238,7 @@ def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
         missing = ".".join(map(str, ("vehicle", *_document_path(problem, data))))
         for path, distribution in dropped.items():
             if problem["type"] in _MISSING_TYPES and f"{path}.".startswith(f"{missing}."):
-                refuse_dropped(distribution, path)
+                raise_no_base_value(distribution, path)
 
 
 def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:
@@ -252,8 +252,8 @@ def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:
         return model.model_validate(data)
     except ValidationError as error:
         problems = error.errors(include_url=False)
-    paths = [_document_path(problem, data) for problem in problems if _gives_items(problem)]
-    # If only some items of a list are given by index, the model's defaults supply the other items.
+    paths = [_document_path(problem, data) for problem in problems if _is_partial_list(problem)]
+    # If overrides give only some items of a list, by index, the defaults of the model supply the other items.
     rest = reduce(_without_field, paths, tree)
     try:
         defaults = model.model_validate(rest.to_python()).model_dump(mode="json") if paths else {}
@@ -280,8 +280,8 @@ def _without_field(tree: Tree, path: tuple[Any, ...]) -> Tree:
     return Tree(parts, tree.mark)
 
 
-def _gives_items(problem: Any) -> bool:
-    """Return whether a validation problem arises because list items were given by index, as in `vehicle.inertia.0`."""
+def _is_partial_list(problem: Any) -> bool:
+    """Return whether a problem arises because only single list items are given, as in `vehicle.inertia.0`."""
     value = problem["input"]
     return problem["type"] == "tuple_type" and isinstance(value, dict) and all(map(is_item, value))
 
@@ -350,9 +350,9 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
 def _registration_hint(problem: Any, node: Tree, path: tuple[Any, ...]) -> str:
     """Return a clause with the command that registers an unknown kind or effect; empty for other problems.
 
-    The options come from the scenario file if `save_scenario` wrote it. Otherwise they are derived from a kind of the
-    form MODULE.CLASS, the names that `register_controller` gives. A name similar to a registered one is assumed to be a
-    spelling mistake, for which no command is suggested.
+    If `save_scenario` wrote the file, its first line contains the options. Otherwise, the options are derived from a
+    kind of the form MODULE.CLASS, as `register_controller` assigns it. An unknown name that is similar to a registered
+    name is treated as a misspelling, for which no command is suggested.
     """
     context = problem.get("ctx", {})
     match problem["type"]:
@@ -370,8 +370,8 @@ def _registration_hint(problem: Any, node: Tree, path: tuple[Any, ...]) -> str:
         options = f"--controller {module}.py:{name}"
     if not options:
         return ""
-    what = f"is {short_repr(node.value)}, which" if path[-1] == "kind" else "is a field that"
-    return f"{what} a Python file registers; name the file in the command, as in drake-quad fly {source} {options}"
+    clause = f"is {short_repr(node.value)}, which" if path[-1] == "kind" else "is a field that"
+    return f"{clause} a Python file registers; name the file in the command, as in drake-quad fly {source} {options}"
 
 
 def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Model]) -> str:
@@ -400,7 +400,9 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
         case "dict_type":
             return f"is {value}, but must be a mapping from names to numbers"
         case "tuple_type":
-            hint = "; single items can only be given if the other items have defaults" if _gives_items(problem) else ""
+            hint = (
+                "; single items can only be given if the other items have defaults" if _is_partial_list(problem) else ""
+            )
             return f"is {value}, but must be a list{hint}"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {value}, but {demand}{_nearest(problem)}"

@@ -21,9 +21,9 @@ _FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("space", "obstacles", _WILDCARD, "points"): lambda _, path: mesh_points(path),
 }
 
-# Fields in which FILE:NAME selects an output of a network.
+# Fields whose value may be FILE:NAME, where NAME selects one of several outputs of a network.
 _FIELDS_WITH_OUTPUTS = ("control.policy",)
-# Suffix of files with several outputs.
+# Suffix of network files that can have several outputs.
 _NETWORK_SUFFIX = ".onnx"
 
 

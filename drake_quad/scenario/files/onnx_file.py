@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
+from drake_quad.control.policy.network import GELU_CUBIC_COEFFICIENT, WITH_ALPHA
 from drake_quad.errors import InputWarning, join_names, short_repr, shorten_text
 from drake_quad.extras import import_extra
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
@@ -35,7 +35,8 @@ _ACTION_NAMES = ("action", "actions")
 _STANDARD_DOMAINS = ("", "ai.onnx")
 # Relative rounding error of a constant in single precision.
 _CONSTANT_TOLERANCE = 1e-6
-# Relative tolerance for the formula of a gate: the rounding error of a product of several single-precision constants.
+# A gate is the factor of x in an activation function x · gate(x), such as SiLU. Its formula is recognised with this
+# relative tolerance, the rounding error of a product of several single-precision constants.
 _GATE_TOLERANCE = 1e-5
 # Largest depth of the arithmetic expression that forms a gate.
 _MAX_GATE_DEPTH = 10
@@ -58,12 +59,14 @@ _FLOAT_TYPES = (1, 11)
 class _GatedActivation(NamedTuple):
     """Activation function x · gate(x), which some exporters write as several nodes.
 
+    The gate is proportional to offset + F(slope (x + cube x³)) with a function F such as tanh.
+
     Attributes:
         kind: operator of the single node that computes the same activation.
         attributes: attributes of this single node.
-        slope: coefficient of x in the argument of the function in the gate, such as tanh.
-        cube: coefficient of x³ in the argument, divided by `slope`.
-        offset: constant that the gate adds to the function.
+        slope: coefficient of x in the argument of F.
+        cube: coefficient of x³ in the argument of F, divided by `slope`.
+        offset: constant that is added to F.
     """
 
     kind: str
@@ -73,11 +76,11 @@ class _GatedActivation(NamedTuple):
     offset: float
 
 
-# Gated activations, by the operator that computes the function in the gate.
+# Gated activations, by the operator that computes F.
 _GATED_ACTIVATIONS = {
     "Sigmoid": _GatedActivation("Swish", {}, 1.0, 0.0, 0.0),
     "Erf": _GatedActivation("Gelu", {}, math.sqrt(0.5), 0.0, 1.0),
-    "Tanh": _GatedActivation("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBE, 1.0),
+    "Tanh": _GatedActivation("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBIC_COEFFICIENT, 1.0),
 }
 
 
@@ -185,7 +188,7 @@ class _Graph:
         # ONNX sorts nodes topologically, so that the inputs of a node are computed before it.
         for node in graph.node:
             inputs = [self._constants.get(name) for name in node.input]
-            if all(each is not None for each in inputs) and _stays_small(node.op_type, inputs):
+            if all(each is not None for each in inputs) and _does_not_grow(node.op_type, inputs):
                 self._compute(node)
 
     def _array(self, tensor: Any) -> np.ndarray:
@@ -243,11 +246,11 @@ class _Graph:
     def _gated_activation(self, node: Any) -> tuple[list[_Node], str] | None:
         """Return nodes that replace a gated activation, and the name of their input; None for any other product.
 
-        Exporters write SiLU and GELU as the product of a value and a gate for opsets that have no node for them. F is
-        the function in the gate, such as tanh. The numbers `slope`, `cube` and `offset` of each activation are in
-        `_GATED_ACTIVATIONS`. If u = s z, the product k z (offset + F(slope (u + cube u³))) is (1 + offset) k / s times
-        the activation of u. The product and the argument of F are compared with these formulas at a few points, so the
-        order of arithmetic with constants does not matter.
+        For opsets without nodes for SiLU and GELU, exporters write these activations as the product of a value and a
+        gate. F, `slope`, `cube` and `offset` are defined in `_GatedActivation`. If u = s z, the product
+        k z (offset + F(slope (u + cube u³))) is (1 + offset) k / s times the activation of u. The product and the
+        argument of F are compared with these formulas at a few points, so the order of arithmetic with constants does
+        not matter.
         """
         names = [node.output[0]]
         for name in names:
@@ -278,7 +281,7 @@ class _Graph:
         return None
 
     def _value(self, name: str, known: Mapping[str, Any], depth: int = _MAX_GATE_DEPTH) -> Any:
-        """Compute a graph value from known values by arithmetic, or return NaN if this is not possible.
+        """Return a value of the graph, computed from known values by arithmetic; NaN if this is not possible.
 
         Args:
             name: name of the value.
@@ -296,8 +299,8 @@ class _Graph:
         return _ARITHMETIC[producer.op_type](*(self._value(each, known, depth - 1) for each in producer.input))
 
 
-def _stays_small(kind: str, inputs: Sequence[Any]) -> bool:
-    """Return whether the result of a node is certainly not larger than its constant inputs, in number of elements."""
+def _does_not_grow(kind: str, inputs: Sequence[Any]) -> bool:
+    """Return whether the result of a node is certain to have no more elements than its constant inputs."""
     if kind in _BINARY_NODES:
         return min(each.size for each in inputs) == 1 or len({each.shape for each in inputs}) == 1
     return kind in _UNARY_NODES

@@ -30,10 +30,10 @@ def override_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree
     """
     for path, value in fields.items():
         mark = Mark(f"override {shorten_text(str(path), _MAX_PATH_CHARACTERS)}", 0)
-        yield _Values(mark, library).mapping({path: value}, "", 1)
+        yield _Converter(mark, library).mapping({path: value}, "", 1)
 
 
-class _Values:
+class _Converter:
     """Converter of Python values to trees.
 
     Args:
@@ -94,16 +94,16 @@ class _Values:
             tree = self.tree(value, inside, level + len(steps))
             for step in reversed(steps):
                 tree = Tree({step: tree}, self._mark)
-            result = _union(result, tree)
+            result = _merged(result, tree)
         return result
 
 
-def _union(one: Tree, other: Tree) -> Tree:
+def _merged(one: Tree, other: Tree) -> Tree:
     """Merge two parts of one mapping; the second part takes precedence.
 
     Unlike `merge`, this function also merges two mappings with different `kind`, since both belong to one override.
     """
     if not (isinstance(one.value, dict) and isinstance(other.value, dict)):
         return other
-    both = {key: _union(one.value[key], part) for key, part in other.value.items() if key in one.value}
+    both = {key: _merged(one.value[key], part) for key, part in other.value.items() if key in one.value}
     return Tree({**one.value, **other.value, **both}, other.mark)

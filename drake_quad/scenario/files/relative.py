@@ -17,9 +17,10 @@ from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.paths import is_item, join_path
 
 RELATIVE = "relative"
-# Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
-_BASE_VALUE_KEY = "value beneath"
-# Key of the value for which a relative distribution is given, as in `{relative: {to: 0.68, normal: {...}}}`.
+# Key under which the value from the lower layers is stored. It contains a space, so no path can name it.
+_BASE_VALUE_KEY = "base value"
+# Key of the value to which the parameters of a relative distribution apply, as in
+# `{relative: {to: 0.68, normal: {...}}}`.
 _REFERENCE_KEY = "to"
 # Fields whose values are already relative to the vehicle. Their distributions are not scaled.
 _FRACTION_FIELDS = ("thrust_factor_error", "battery_sag")
@@ -30,17 +31,17 @@ def is_relative(tree: Tree) -> bool:
     return isinstance(tree.value, dict) and RELATIVE in tree.value
 
 
-def are_relative(tree: Tree) -> bool:
+def has_relative_items(tree: Tree) -> bool:
     """Return whether a tree is a list with a relative distribution among its items."""
     return isinstance(tree.value, list) and any(map(is_relative, tree.value))
 
 
-def _has_relative(tree: Tree) -> bool:
+def _contains_relative(tree: Tree) -> bool:
     """Return whether a tree is or contains a relative distribution."""
     if is_relative(tree):
         return True
     parts = tree.value.values() if isinstance(tree.value, dict) else tree.value
-    return isinstance(tree.value, dict | list) and any(map(_has_relative, parts))
+    return isinstance(tree.value, dict | list) and any(map(_contains_relative, parts))
 
 
 def with_base_value(base: Tree, distribution: Tree) -> Tree:
@@ -61,14 +62,14 @@ def with_base_values(base: Tree, distributions: Tree) -> Tree:
 
 
 def relative_part(tree: Tree) -> Tree | None:
-    """Return the relative distributions in a tree, without the values that they vary, or None if there are none.
+    """Return the relative distributions in a tree, without the base values stored with them; None if there are none.
 
     A list becomes a mapping from the index of each item with a relative distribution to this distribution.
     """
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
     parts = tree.value if isinstance(tree.value, dict) else {}
-    if are_relative(tree):
+    if has_relative_items(tree):
         parts = {str(i): item for i, item in enumerate(tree.value) if is_relative(item)}
     kept = {key: part for key, each in parts.items() if (part := relative_part(each)) is not None}
     return tree._replace(value=kept) if kept else None
@@ -94,7 +95,7 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tupl
     """
     vehicle = tree.value.get("vehicle")
     dropped: dict[str, Tree] = {}
-    if vehicle is not None and isinstance(vehicle.value, dict) and _has_relative(vehicle):
+    if vehicle is not None and isinstance(vehicle.value, dict) and _contains_relative(vehicle):
         fields = {}
         for name, field in vehicle.value.items():
             default = getattr(nominal, name, getattr(defaults, name, None))
@@ -131,7 +132,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
             dropped[path] = tree
             return None
         return _scaled(tree, number, path)
-    if isinstance(tree.value, list) and _has_relative(tree):
+    if isinstance(tree.value, list) and _contains_relative(tree):
         references = reference if isinstance(reference, tuple) else (reference,) * len(tree.value)
         if len(references) != len(tree.value):
             return tree
@@ -143,7 +144,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
             return tree._replace(value=items)
         if not all(map(is_relative, tree.value)):
             i = items.index(None)
-            refuse_dropped(tree.value[i], f"{path}.{i}")
+            raise_no_base_value(tree.value[i], f"{path}.{i}")
         return None
     if not isinstance(tree.value, dict):
         return tree
@@ -154,8 +155,8 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
     return None if parts and not kept else tree._replace(value=kept)
 
 
-def refuse_dropped(distribution: Tree, path: str) -> None:
-    """Raise InputError for a required field whose relative distribution has no value to vary."""
+def raise_no_base_value(distribution: Tree, path: str) -> None:
+    """Raise InputError, because the relative distribution of a required field has no value to which it applies."""
     raise InputError(
         f"{distribution.mark}: {join_path(*path.split('.'))} is relative, but the vehicle has no value to which the"
         " distribution could apply; make the distribution absolute"

@@ -17,12 +17,12 @@ class JerkSums(NamedTuple):
     last: PerAxis = PerAxis(0.0, 0.0, 0.0)
 
 
-def _rms(sums: JerkSums, ticks: Any, period: float) -> Any:
-    """Return the root mean square of the changes from tick to tick, divided by the tick period."""
+def _rms_jerk(sums: JerkSums, ticks: Any, period: float) -> Any:
+    """Return the root mean square of the change per tick, divided by the tick period."""
     return np.sqrt(sums.squares / np.where(ticks > 1.0, ticks - 1.0, np.nan)) / period
 
 
-@metric("m/s³", initial=JerkSums(), value=_rms, label="RMS jerk of the command", value_range="nonnegative")
+@metric("m/s³", initial=JerkSums(), value=_rms_jerk, label="RMS jerk of the command", value_range="nonnegative")
 def command_jerk(sums: JerkSums, acceleration_command: Acceleration, ticks: Row) -> JerkSums:
     """Root mean square of the rate of change of the commanded acceleration."""
     started, squares = minimum(ticks, 1.0), sums.squares

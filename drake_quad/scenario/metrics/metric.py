@@ -7,16 +7,17 @@ A metric is a function of signals at one tick, and a rule that combines its valu
         '''Largest height below the reference, beyond a tolerance.'''
         return reference.z - state.z - tolerance
 
-The arguments are signals by the names of their ports, `time` (s) and `period` (s). The function is a formula: it is
+The arguments are signals, named after their ports, and `ticks` (number of earlier ticks), `time` (s) and `period` (s),
+the duration of a tick. The function is a formula: it is
 compiled with the rest of the diagram, and computes the metric for all vehicles of a fleet. Keyword-only arguments are
 settings of the metric in a scenario. They must have a default, and are finite numbers unless their annotation is
 another type, such as a type of `drake_quad.scenario.quantities`.
 
-The rules also are kinds of metrics, for scalar signals (`drake_quad.laboratory.derived_signals`), as in
+Each rule is also a kind of metric for scalar signals (`drake_quad.laboratory.derived_signals`), as in
 `{kind: max, of: state.z}`.
 
-A metric that needs other sums than those of the rules in `REDUCTIONS` is given by a named tuple of its sums before the
-first tick, the formula that adds a tick, and the function that computes the metric from the final sums:
+A metric that no rule in `REDUCTIONS` can compute has three parts: a named tuple with its sums before the first tick, a
+formula that adds a tick to the sums, and a function that computes the metric from the final sums:
 
     class Distance(NamedTuple):
         x: float = 0.0
@@ -97,7 +98,7 @@ class Reduction(NamedTuple):
         return values
 
 
-def _if_any(result: Any, ticks: Any) -> Any:
+def _nan_without_ticks(result: Any, ticks: Any) -> Any:
     """Return the final result, or NaN if there are no ticks."""
     return result * np.where(ticks > 0.0, 1.0, np.nan)
 
@@ -110,10 +111,16 @@ REDUCTIONS = {
         lambda result, ticks: np.sqrt(result / ticks),
         is_nonnegative=True,
     ),
-    "max": Reduction(-math.inf, lambda result, value, _: maximum(result, value), _if_any, differentiable=False),
-    "min": Reduction(math.inf, lambda result, value, _: minimum(result, value), _if_any, differentiable=False),
-    "last": Reduction(0.0, lambda _, value, __: value + 0.0, _if_any),
-    "integral": Reduction(0.0, lambda result, value, period: result + value * period, _if_any, can_exceed_values=True),
+    "max": Reduction(
+        -math.inf, lambda result, value, _: maximum(result, value), _nan_without_ticks, differentiable=False
+    ),
+    "min": Reduction(
+        math.inf, lambda result, value, _: minimum(result, value), _nan_without_ticks, differentiable=False
+    ),
+    "last": Reduction(0.0, lambda _, value, __: value + 0.0, _nan_without_ticks),
+    "integral": Reduction(
+        0.0, lambda result, value, period: result + value * period, _nan_without_ticks, can_exceed_values=True
+    ),
 }
 """Rules that combine the values at the ticks of a flight."""
 
@@ -145,8 +152,8 @@ def _value_of(rule: str) -> Callable[[ValueSums, Any, float], Any]:
 
 
 _VALUE_FUNCTIONS = {rule: _value_of(rule) for rule in REDUCTIONS}
-# Default table format of a metric, by its unit.
-_DISPLAYS = {"m": CENTIMETRES, "1": Display("%", 0.01, 1), "rad": Display("°", math.radians(1.0), 1)}
+# Default table format of a metric, by unit.
+_DEFAULT_DISPLAYS = {"m": CENTIMETRES, "1": Display("%", 0.01, 1), "rad": Display("°", math.radians(1.0), 1)}
 
 
 class Appearance(NamedTuple):
@@ -181,7 +188,7 @@ class Appearance(NamedTuple):
             self.label or name.replace("_", " "),
             accumulator,
             value,
-            self.display or _DISPLAYS.get(self.unit, Display(self.unit, 1.0, 3)),
+            self.display or _DEFAULT_DISPLAYS.get(self.unit, Display(self.unit, 1.0, 3)),
             differentiable=differentiable,
             larger_is_better=self.larger_is_better,
             value_range=self.value_range,
@@ -231,13 +238,14 @@ def metric(
         over_time: name of the rule in `REDUCTIONS` that combines the values of the formula.
         initial: named tuple of sums before the first tick, if no rule is given. The first argument of the formula is
             then this named tuple.
-        value: function that computes the metric, given the final sums, the number of ticks (NaN instead of 0), and the
-            duration of a tick, s. It requires `initial`.
+        value: function that computes the metric, given the final sums, the number of ticks (NaN if there are none),
+            and the duration of a tick, s. It requires `initial`.
         label: label in tables and plots; by default the name of the metric in the scenario.
         display: format in tables; see `Appearance`.
         larger_is_better: True if a larger metric is better.
         value_range: range of the metric: "nonnegative" or "fraction" (between 0 and 1) if it cannot be any number.
-            Intervals do not extend beyond the range, and comparisons give ratios of metrics that cannot be negative.
+            Confidence intervals do not extend beyond the range. Comparisons report ratios only of metrics that cannot
+            be negative.
 
     Raises:
         TypeError: if neither a rule nor sums are given, the range is unknown, or an argument of the function cannot be
@@ -337,11 +345,11 @@ def _registered(function: _Function, definition: Callable[..., Metric]) -> _Func
     """Register a kind of metric, named after a function, and return the function."""
     model = create_model(
         "".join(map(str.capitalize, function.__name__.split("_"))),
-        __base__=_base_with(definition),
+        __base__=_base_class_with(definition),
         __module__=function.__module__,
         __doc__=inspect.getdoc(function),
         kind=(Literal[function.__name__], ...),  # type: ignore[arg-type]
-        **_settings_of(function),
+        **_setting_fields(function),
     )
     # Pickle looks the class up as an attribute of the function.
     model.__qualname__ = f"{function.__qualname__}.settings"
@@ -349,12 +357,12 @@ def _registered(function: _Function, definition: Callable[..., Metric]) -> _Func
     return function
 
 
-def _base_with(definition: Callable[..., Metric]) -> type[MetricSettings]:
+def _base_class_with(definition: Callable[..., Metric]) -> type[MetricSettings]:
     """Return a subclass of `MetricSettings` with the given method `definition`."""
     return type("FormulaMetric", (MetricSettings,), {"definition": definition, "__module__": __name__})
 
 
-def _settings_of(function: Callable[..., Any]) -> dict[str, Any]:
+def _setting_fields(function: Callable[..., Any]) -> dict[str, Any]:
     """Return the fields of a metric's settings: type and default of each keyword-only argument of its function.
 
     Raises:

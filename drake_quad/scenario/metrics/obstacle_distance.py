@@ -16,7 +16,7 @@ _APPEARANCE = Appearance("m", "smallest distance from the obstacles", larger_is_
 
 
 def add_distance(sums: ValueSums, state: State, *, surroundings: Surroundings) -> ValueSums:
-    """Return the smallest distance between the vehicle and the obstacles after a further tick."""
+    """Return the smallest distance between the vehicle and the obstacles up to and including a tick."""
     distance, _ = nearest_solid(state.x, state.y, state.z, surroundings.solids)
     return ValueSums(minimum(sums.value, distance - surroundings.radius))
 

@@ -16,7 +16,7 @@ class SettlingSums(NamedTuple):
     """Times from which the settling time is computed.
 
     Attributes:
-        outside: last time at which the error was too large, s since the first tick; negative if it never was.
+        outside: last time at which the error was too large, s since the first tick; negative if there is none.
         elapsed: time between the first and the present tick, s.
     """
 

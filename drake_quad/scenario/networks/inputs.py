@@ -27,13 +27,13 @@ class InputSets(Model):
     widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="width d of each fuzzy set (1)")
 
     @model_validator(mode="after")
-    def _covered(self) -> "InputSets":
+    def _sets_overlap(self) -> "InputSets":
         if any(not low < high for low, high in itertools.pairwise(self.centres)):
             raise self.field_error("must be ascending", "centres")
         if len(self.widths) != len(self.centres):
             raise self.field_error(f"must have {len(self.centres)} numbers, one for each centre", "widths")
-        ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
-        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._neighbours(ends))):
+        sets = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
+        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._neighbours(sets))):
             if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
                 demand = f"must be larger, so that the sets at {left} and {right} overlap and a rule fires in between"
                 raise self.field_error(demand, "widths", i)
@@ -43,9 +43,13 @@ class InputSets(Model):
         """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
-    def _neighbours(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        """Return the sets in an order in which each must overlap the next. A set is its centre and smallest width."""
-        return ends
+    def _neighbours(self, sets: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
+        """Return the sets in an order in which each must overlap the next.
+
+        Args:
+            sets: centre and smallest width of each set.
+        """
+        return sets
 
 
 class CircularInputSets(InputSets):
@@ -63,12 +67,12 @@ class CircularInputSets(InputSets):
         """Return the fuzzy sets as parameters for the systems of a network."""
         return inference.CircularSets(self.scale, tuple(self.centres), tuple(self.widths))
 
-    def _neighbours(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        (first, width), *_ = ends
+    def _neighbours(self, sets: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
+        (first, width), *_ = sets
         (shortest, longest), last = extremes(self.scale), self.centres[-1]
         if shortest is None or longest is None or not last - first < shortest:
             raise self.field_error("must span less than one period, which is the value of scale", "centres")
-        return [*ends, (first + longest, width)]
+        return [*sets, (first + longest, width)]
 
 
 class NetworkInputs(Model):
@@ -97,10 +101,10 @@ class NetworkInputs(Model):
         return {name: sets for name in _INPUT_NAMES if (sets := getattr(self, name)) is not None}
 
     @model_validator(mode="after")
-    def _some(self) -> "NetworkInputs":
+    def _has_one_to_four_inputs(self) -> "NetworkInputs":
         specified = self.specified
         if not 1 <= len(specified) <= 4:
-            raise validation_error("must have one to four of " + ", ".join(_INPUT_NAMES))
+            raise validation_error("must have one to four of the inputs " + ", ".join(_INPUT_NAMES))
         rules = math.prod(len(sets.centres) for sets in specified.values())
         if rules > MAX_RULES:
             raise validation_error(f"must result in at most {MAX_RULES} rules, not {rules}; use fewer sets")

@@ -39,7 +39,7 @@ class LearnedNetwork(Model):
         return {axis: learned for axis in AXES if (learned := getattr(self, axis)) is not None}
 
     @model_validator(mode="after")
-    def _complete(self) -> "LearnedNetwork":
+    def _is_complete(self) -> "LearnedNetwork":
         rules, parameters = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
         for axis, learned in self.axes.items():
             if len(learned.weights) != rules:

@@ -48,7 +48,7 @@ class _LearningFromEither(_Learning):
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
         description="signal from which the network learns: s_p of eq (15) (m/s), or the whole feedback of the"
-        " controller, the PD less any estimated disturbance (m/s²), for which the gains have different units",
+        " controller, the PD command minus any estimated disturbance (m/s²), for which the gains have different units",
     )
     slope: Annotated[Positive, needs("signal", value="surface")] = Field(
         default=1.0, description="λ of eq (15) (1/s); not used with the feedback"

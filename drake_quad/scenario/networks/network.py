@@ -37,19 +37,19 @@ class _Network(Model):
     )
     lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
-        description="time (s) by which the inputs position and phase are predicted, about the time from a command to"
-        " its effect",
+        description="time by which the position and phase inputs are predicted (s); it should be about the delay from a"
+        " command to its effect",
     )
     learning: Learning = CovarianceLearning(kind="covariance")
     learned: LearnedNetwork | None = Field(
         default=None,
-        description="parameters at the start of the flight: a file of `fly --save-network`, relative to the folder of"
-        " the scenario's file",
+        description="parameters at the start of the flight: a file written by `fly --save-network`, relative to the"
+        " folder of the scenario's file",
         json_schema_extra=allow_file_name,
     )
 
     @model_validator(mode="after")
-    def _learned_parameters_fit(self) -> "_Network":
+    def _learned_parameters_match(self) -> "_Network":
         """Raise an error if the learned parameters come from a network with a different structure."""
         if self.learned is None:
             return self
@@ -125,7 +125,7 @@ class _Network(Model):
         return build_fuzzy_network(**{name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")})
 
     def _initial_antecedents(self, learned: tuple[LearnedAxis, ...]) -> tuple[Antecedents, ...]:
-        """Return the initial antecedents: equal ones for all axes, or those of each axis if they were learned."""
+        """Return the initial antecedents: one item for all axes, or one for each axis if they were learned."""
         sets = self.antecedents()
         if all(each.antecedents is None for each in learned):
             return (sets,)
@@ -157,7 +157,7 @@ class AdaptiveTriangles(Model):
         return tuple([part for part in get_args(Part) if getattr(self, part, None) is not None])
 
     @model_validator(mode="after")
-    def _some(self) -> "AdaptiveTriangles":
+    def _has_a_rate(self) -> "AdaptiveTriangles":
         if not self.parts:
             names = " or ".join(type(self).model_fields)
             raise validation_error(f"must contain at least one learning rate, {names}, or be null")

@@ -13,7 +13,7 @@ _Gates = tuple[np.ndarray, np.ndarray]
 
 
 class UnreadableError(Exception):
-    """Error about a network file that cannot be read."""
+    """Error raised for a network file that cannot be read. The message is a clause without a subject."""
 
 
 class Layers:
@@ -31,8 +31,8 @@ class Layers:
         self.layers: list[dict[str, Any]] = []
         self._numbers: list[np.ndarray] = []
         self.preprocessing: dict[str, Any] = {}
-        # Pending factor and summand, which apply to the output of the last layer, or to the limited input if there is
-        # no layer.
+        # Factor and summand that are not yet merged into a layer. They apply to the output of the last layer or, before
+        # the first layer, to the limited input.
         self._pending: tuple[np.ndarray, np.ndarray] | None = None
 
     def dense(

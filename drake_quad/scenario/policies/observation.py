@@ -19,8 +19,8 @@ class ObservationSettings(Model):
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
-        description="observed signals, in the order of their components; the page Systems lists components and units of"
-        " each signal",
+        description="observed signals, in the order of their components; the page Systems lists the components and"
+        " units of each signal",
     )
     state_source: Literal["measurement", "state"] = Field(
         default="measurement",
@@ -43,7 +43,7 @@ class ObservationSettings(Model):
     turn: HalfTurn = Field(
         default=0.0,
         description="angle about z from x_B to the forward direction of the policy (rad); it also rotates the axes of"
-        " all frames but W, so that a policy in W which faces X flies at a yaw of -turn",
+        " all frames except W, so that a policy that faces X in W flies at a yaw of -turn",
     )
 
     @model_validator(mode="after")

@@ -14,8 +14,7 @@ from drake_quad.scenario.distributions import Model, Real, omits_defaults, valid
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_NETWORK_BYTES
 from drake_quad.scenario.quantities import FixedPositive
 
-# Number of neurons or units in a layer, with its limits. In practice, MAX_NETWORK_BYTES is the tighter limit on the
-# size of a network.
+# Number of inputs or outputs of a layer. In practice, MAX_NETWORK_BYTES limits the size of a network more tightly.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
@@ -73,10 +72,10 @@ class GruLayer(Model):
         """
         gates = 3 * self.outputs
         ends = np.cumsum([gates * self.inputs, gates, gates * self.outputs, gates])
-        weights, biases, of_memory, memory_biases, initial = np.split(numbers, ends)
+        weights, biases, memory_weights, memory_biases, initial = np.split(numbers, ends)
         return Gru(
             Matrix(weights.reshape(gates, -1), biases),
-            Matrix(of_memory.reshape(gates, -1), memory_biases),
+            Matrix(memory_weights.reshape(gates, -1), memory_biases),
             tuple(initial.tolist()),
         )
 

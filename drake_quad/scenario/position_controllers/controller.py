@@ -53,7 +53,7 @@ class PositionController(Model):
         return systems["position"]
 
     def without_estimator(self) -> Any:
-        """Return the PD or PID controller for which the gains of this controller are designed.
+        """Return the same controller without its disturbance estimator: the PD or PID controller that gain design uses.
 
         Raises:
             InputError: if the controller has no gains that can be designed.

@@ -52,7 +52,7 @@ class CommandedResponse(ModelledResponse):
     feed_forward_lag: Annotated[Spans | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant for the fed-forward part of the command, which is not delayed by the attitude if its"
-        " derivatives are also fed forward (s); `lag` if not given",
+        " derivatives are also fed forward (s); by default, `lag`",
     )
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
@@ -100,7 +100,7 @@ class EstimatingPosition(PdPosition):
             yield InactiveSetting(f"{path}.response.feed_forward_lag", f"{path}.feed_forward is none")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes to build the PD and the disturbance estimator."""
+        """Return the recipes to build the PD controller and the disturbance estimator."""
         limit: Any = self.disturbance_limit
         laws = tuple([self.law(axis, setting.tick) for axis in range(3)])
         return {**super().recipes(setting), "position.estimator": self.response.estimator(laws, limit, setting)}

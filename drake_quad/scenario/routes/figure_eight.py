@@ -29,12 +29,13 @@ class FigureEightRoute(MovingRoute):
     )
     laps: Laps = Field(
         default=1,
-        description="number of laps; the first begins and the last ends at rest, and the laps between are equal",
+        description="number of laps; the first lap begins and the last lap ends at rest, and all laps between are"
+        " equal",
     )
 
     @field_validator("offset")
     @classmethod
-    def _beyond_radius(cls, offset: Number, info: ValidationInfo) -> Number:
+    def _exceeds_radius(cls, offset: Number, info: ValidationInfo) -> Number:
         radius = info.data.get("radius")
         if isinstance(offset, float) and isinstance(radius, float) and not offset > radius:
             raise validation_error(f"must be larger than the radius, {radius}")
@@ -46,21 +47,21 @@ class FigureEightRoute(MovingRoute):
             lower_height=self.lower_height, upper_height=self.upper_height, radius=self.radius, offset=self.offset
         )
         return PlannedRoute(
-            self.scaled_in_time(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry)
+            self.scaled_in_time(geometry, self.cruise_speed) if self.laps == 1 else self._plan_laps(geometry)
         )
 
-    def _in_laps(self, geometry: Route) -> Plan:
+    def _plan_laps(self, geometry: Route) -> Plan:
         """Return a plan with a climb and several laps.
 
-        The durations of the first, the middle and the last laps are those of a speed profile over three laps.
+        The durations of the first, the middle and the last laps come from a speed profile over three laps.
         """
         lap = geometry.waypoints[1:]
-        ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
-        times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)
+        three_laps = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
+        times = trapezoid_times(three_laps, speed=self.cruise_speed, acceleration=self.top_acceleration)
         durations = split_three_laps(np.diff(times), len(lap) - 1)
         path, laps = path_of_laps(geometry.waypoints, durations, self.laps, lead=1)
         factor = stretch_factor(path, self.limits())
         path, laps = path.scaled_in_time(factor), tuple([factor * time for time in laps])
-        rise, *others = geometry.legs
+        climb, *others = geometry.legs
         legs = [leg._replace(first=leg.first + i * (len(lap) - 1)) for i in range(self.laps) for leg in others]
-        return Plan(path, self.yaw_profile(path), (rise, *legs), laps)
+        return Plan(path, self.yaw_profile(path), (climb, *legs), laps)

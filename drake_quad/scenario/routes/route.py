@@ -35,7 +35,7 @@ class PlannedRoute(NamedTuple):
         plan: plan to fly.
         problem: planning problem, including corridors around obstacles, for a route through waypoints; None for other
             routes.
-        waypoints: (waypoints,) indices of the route's waypoints in the problem's list of waypoints, which also contains
+        waypoints: (waypoints,) index of each waypoint of the route in the waypoints of `problem`, which also contain
             detours; None unless the path was planned around obstacles.
         space: space in which the path was planned, if there is one.
     """
@@ -95,7 +95,7 @@ class MovingRoute(MissionRoute):
 
     def limits(self) -> PathLimits:
         """Return the limits of the path."""
-        # In some routes, a limit can be None, which means no limit. Such a limit is left out.
+        # A subclass may allow None, which means that there is no limit.
         specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})
 

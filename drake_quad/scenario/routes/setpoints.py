@@ -19,7 +19,7 @@ Setpoint = Annotated[tuple[FixedMoment, Real, Real, Real, Real], Field(strict=Fa
 
 @ROUTES.register
 class SetpointsRoute(MissionRoute):
-    """Setpoints of position and yaw, each held until the next setpoint, as a computer sends them to an autopilot.
+    """Setpoints of position and yaw, each held until the next one, as a companion computer sends them to an autopilot.
 
     The reference jumps from one setpoint to the next. Its velocity and higher derivatives are zero, so no derivative is
     fed forward.
@@ -33,7 +33,7 @@ class SetpointsRoute(MissionRoute):
     last_hold: FixedSpan = Field(default=1.0, description="time for which the last setpoint is held (s)")
 
     @model_validator(mode="after")
-    def _increasing(self) -> "SetpointsRoute":
+    def _times_increase(self) -> "SetpointsRoute":
         times = [setpoint[0] for setpoint in self.setpoints]
         if times[0] != 0.0:
             raise self.field_error("must be 0", "setpoints", 0, 0)
@@ -43,7 +43,7 @@ class SetpointsRoute(MissionRoute):
         return self
 
     @model_validator(mode="after")
-    def _in_radians(self) -> "SetpointsRoute":
+    def _yaw_is_in_radians(self) -> "SetpointsRoute":
         """Raise an error if a constant yaw was apparently given in degrees. A varying yaw may have any magnitude."""
         yaws = {setpoint[4] for setpoint in self.setpoints}
         if len(yaws) == 1 and abs(yaw := yaws.pop()) > TWO_TURNS:

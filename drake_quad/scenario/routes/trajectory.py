@@ -15,13 +15,13 @@ from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedPositive
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, PlannedRoute
 from drake_quad.space.space import Space
 
-# Unit and largest allowed jump between trajectory pieces, by path and order of the derivative. Such small jumps do not
-# affect a vehicle.
+# Unit and largest allowed jump between trajectory pieces, by path and order of the derivative. Smaller jumps do not
+# affect the flight of a vehicle.
 _MAX_JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
 # Rounding error of coefficients in files with six decimals. Its effect at the end of a piece is added to the allowed
 # jump.
 _COEFFICIENT_ROUNDING = 1e-6
-# Unit times at which two pieces meet: the end of the first piece and the beginning of the second.
+# Normalised times at which two pieces meet: the end of the first piece and the beginning of the second.
 _JOINT_TIMES = np.array([1.0, 0.0])
 
 
@@ -82,9 +82,8 @@ class TrajectoryRoute(MissionRoute):
     )
     pieces: Annotated[tuple[Piece, ...], Field(strict=False, min_length=1, max_length=MAX_WAYPOINTS)] | None = Field(
         default=None,
-        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file that"
-        " contains them,"
-        " relative to the folder of the scenario's file",
+        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file with the"
+        " polynomials, relative to the folder of the scenario's file",
     )
     origin: Point = Field(
         default=(0.0, 0.0, 0.0), description="position of the origin of the trajectory's coordinates, in W (m)"
@@ -96,7 +95,7 @@ class TrajectoryRoute(MissionRoute):
     _serialized = omits_defaults("knots", "pieces", "origin", "time_scale")
 
     @model_validator(mode="after")
-    def _one_form(self) -> "TrajectoryRoute":
+    def _has_one_form(self) -> "TrajectoryRoute":
         if (self.knots is None) == (self.pieces is None):
             specified = "neither" if self.knots is None else "both"
             raise validation_error(f"must have either knots or pieces, not {specified}")
@@ -105,7 +104,7 @@ class TrajectoryRoute(MissionRoute):
         return self
 
     @model_validator(mode="after")
-    def _in_radians(self) -> "TrajectoryRoute":
+    def _yaw_is_in_radians(self) -> "TrajectoryRoute":
         """Raise an error if a constant yaw was apparently given in degrees. A varying yaw may have any magnitude."""
         pieces, yaw_knots = self.pieces or (), self.yaw_knots or ()
         yaws = {piece.yaw[0] for piece in pieces} | {knot.yaw for knot in yaw_knots}
@@ -116,7 +115,7 @@ class TrajectoryRoute(MissionRoute):
         return self
 
     @model_validator(mode="after")
-    def _increasing(self) -> "TrajectoryRoute":
+    def _times_increase(self) -> "TrajectoryRoute":
         knots, yaw_knots = self.knots or (), self.yaw_knots or ()
         times = {"knots": [knot.time for knot in knots], "yaw_knots": [knot.time for knot in yaw_knots]}
         for field, instants in times.items():
@@ -134,7 +133,7 @@ class TrajectoryRoute(MissionRoute):
         return self
 
     @model_validator(mode="after")
-    def _joined(self) -> "TrajectoryRoute":
+    def _is_continuous(self) -> "TrajectoryRoute":
         """Raise an error if position, velocity or yaw jump between pieces. Yaw jumps by whole turns are allowed."""
         if self.pieces is None:
             return self

@@ -29,11 +29,11 @@ class WaypointTimes(Model):
 
     @abstractmethod
     def timing(self) -> Timing:
-        """Return the method in the form that the planner uses."""
+        """Return the object that represents this method in the planner."""
 
 
 class FixedWaypointTimes(WaypointTimes):
-    """Times that are given for all waypoints. A plain list of times is an abbreviation of this mapping."""
+    """Given times for all waypoints. A plain list of times is an abbreviation of this mapping."""
 
     kind: Literal["fixed"]
     times: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)] = Field(
@@ -42,13 +42,14 @@ class FixedWaypointTimes(WaypointTimes):
 
     @field_validator("times")
     @classmethod
-    def _increasing(cls, times: tuple[float, ...]) -> tuple[float, ...]:
+    def _times_increase(cls, times: tuple[float, ...]) -> tuple[float, ...]:
         if times[0] < 0.0:
             raise validation_error("must not be negative")
-        for i, (now, then) in enumerate(itertools.pairwise(times)):
+        for now, then in itertools.pairwise(times):
             if not then - now >= MIN_DURATION:
                 raise validation_error(
-                    f"must increase by at least {MIN_DURATION} s from one to the next, but time {i + 1} does not"
+                    f"must increase by at least {MIN_DURATION} s from one to the next, but {now} s is followed by"
+                    f" {then} s"
                 )
         if times[-1] > MAX_DURATION:
             raise validation_error(f"must not exceed {MAX_DURATION} s")
@@ -59,7 +60,7 @@ class FixedWaypointTimes(WaypointTimes):
         return ("route", "times"), self.times[0] + laps * (self.times[-1] - self.times[0])
 
     def timing(self) -> Timing:
-        """Return the method in the form that the planner uses."""
+        """Return the object that represents this method in the planner."""
         return planner.FixedTimes(self.times)
 
 
@@ -70,7 +71,7 @@ class HeuristicTimes(WaypointTimes):
     kind: Literal["heuristic"]
 
     def timing(self) -> Timing:
-        """Return the method in the form that the planner uses."""
+        """Return the object that represents this method in the planner."""
         return planner.HeuristicTiming()
 
 
@@ -85,18 +86,18 @@ class MinimumSnapTimes(WaypointTimes):
         return ("route", "times", "duration"), self.duration
 
     def timing(self) -> Timing:
-        """Return the method in the form that the planner uses."""
+        """Return the object that represents this method in the planner."""
         return planner.MinimumSnapTiming(self.duration)
 
 
 class MinimumTimes(WaypointTimes):
-    """Times with the (locally) shortest total at which the minimum-snap path satisfies the limits."""
+    """Times with the (locally) shortest total for which the minimum-snap path satisfies the limits."""
 
     chooses_total: ClassVar = True
     kind: Literal["minimum_time"]
 
     def timing(self) -> Timing:
-        """Return the method in the form that the planner uses."""
+        """Return the object that represents this method in the planner."""
         return planner.MinimumTimeTiming()
 
 

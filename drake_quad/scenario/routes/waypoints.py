@@ -30,7 +30,7 @@ from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
 if TYPE_CHECKING:
-    from drake_quad.space.around import CollisionFreeRoute
+    from drake_quad.space.collision_free import CollisionFreeRoute
 
 # Half a turn plus a rounding tolerance, rad. Successive yaws that differ by at most this angle describe a continuous
 # turn.
@@ -59,7 +59,7 @@ class Waypoint(Model):
         return {"point": data} if isinstance(data, list | tuple) else data
 
     @model_validator(mode="after")
-    def _one_region(self) -> "Waypoint":
+    def _has_one_region(self) -> "Waypoint":
         specified = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
         if len(specified) != 1:
             specified_text = " and ".join(specified) or "none"
@@ -96,8 +96,8 @@ class WaypointRoute(MovingRoute):
     space: BoxRegion | None = Field(default=None, description="box that the whole path must not leave")
     laps: Laps = Field(
         default=1,
-        description="number of laps of a route that ends where it begins; the first begins and the last ends at rest,"
-        " and the laps between are equal; the vehicle rests between laps only if the last waypoint is a stop",
+        description="number of laps of a route that ends where it begins; the first lap begins and the last lap ends at"
+        " rest, and all laps between are equal; the vehicle rests between laps only if the last waypoint is a stop",
     )
     # Mypy does not allow a subclass to accept more values than its base class.
     heading: Literal["constant", "along_path", "waypoints"] = Field(  # type: ignore[assignment]
@@ -119,7 +119,7 @@ class WaypointRoute(MovingRoute):
         return {"kind": "fixed", "times": times} if isinstance(times, list | tuple) else times
 
     @model_validator(mode="after")
-    def _consistent(self) -> "WaypointRoute":
+    def _is_consistent(self) -> "WaypointRoute":
         count = len(self.waypoints)
         if isinstance(self.times, FixedWaypointTimes) and len(self.times.times) != count:
             raise self.field_error(f"must have one time for each of the {count} waypoints", "times")
@@ -128,7 +128,7 @@ class WaypointRoute(MovingRoute):
             raise self.field_error(demand, "corridors")
         has_yaws = any(waypoint.yaw is not None for waypoint in self.waypoints)
         if self.heading == "waypoints" and not has_yaws:
-            raise self.field_error("requires a yaw at at least one waypoint", "heading")
+            raise self.field_error("must not be `waypoints`, since no waypoint has a yaw", "heading")
         if self.heading != "waypoints" and has_yaws:
             raise self.field_error("must be `waypoints`, since yaws are given at waypoints", "heading")
         self._check_yaws()
@@ -151,7 +151,7 @@ class WaypointRoute(MovingRoute):
             before = waypoint.yaw
 
     @model_validator(mode="after")
-    def _closed(self) -> "WaypointRoute":
+    def _can_be_repeated(self) -> "WaypointRoute":
         """Raise an error if the route has laps but cannot be repeated."""
         if self.laps == 1:
             return self
@@ -160,22 +160,22 @@ class WaypointRoute(MovingRoute):
             raise self.field_error("must be 1, since the route does not end at the point where it begins", "laps")
         if self.laps * len(self.waypoints) > MAX_WAYPOINTS:
             raise self.field_error(
-                f"must be smaller: all laps together may have at most {MAX_WAYPOINTS} waypoints", "laps"
+                f"must be smaller, since all laps together may have at most {MAX_WAYPOINTS} waypoints", "laps"
             )
         for i, waypoint in enumerate(self.waypoints):
             for name in ("velocity", "acceleration", "jerk"):
                 if getattr(waypoint, name) is not None:
-                    demand = "must be left out: with laps, a waypoint can be a stop but have no given derivatives"
+                    demand = "must be left out, since a route with laps may have stops, but no other given derivatives"
                     raise self.field_error(demand, "waypoints", i, name)
         for name in ("corridors", "space"):
             if getattr(self, name) is not None:
-                raise self.field_error("must be left out: it cannot be combined with laps", name)
+                raise self.field_error("must be left out, since it cannot be combined with laps", name)
         if isinstance(self.times, MinimumSnapTimes):
             raise self.field_error("must be fixed, heuristic or minimum_time if there are laps", "times", "kind")
         return self
 
     @model_validator(mode="after")
-    def _flyable(self) -> "WaypointRoute":
+    def _is_feasible(self) -> "WaypointRoute":
         if not distributions_in(self):
             try:
                 self.problem()
@@ -223,29 +223,29 @@ class WaypointRoute(MovingRoute):
 
     def plan(self, space: Space | None) -> PlannedRoute:
         """Return the plan through the waypoints, around the obstacles of a space."""
-        path, laps, way = self._path(space)
+        path, laps, detour = self._path(space)
         if self.heading == "waypoints":
             yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in self.waypoints]
-            yaw = yaw_through(self._passing_times(path, way), [*yaws, *yaws[1:] * (self.laps - 1)])
+            yaw = yaw_through(self._passing_times(path, detour), [*yaws, *yaws[1:] * (self.laps - 1)])
         else:
             yaw = self.yaw_profile(path)
         plan = Plan(path, yaw, _laps_as_legs(path, laps), laps)
         return (
             PlannedRoute(plan, self.problem(self.laps))
-            if way is None
-            else PlannedRoute(plan, way.problem, way.waypoints)
+            if detour is None
+            else PlannedRoute(plan, detour.problem, detour.waypoints)
         )
 
-    def _passing_times(self, path: PolynomialPath, way: "CollisionFreeRoute | None") -> np.ndarray:
+    def _passing_times(self, path: PolynomialPath, detour: "CollisionFreeRoute | None") -> np.ndarray:
         """Return the times at which the path passes the waypoints, (waypoints,) in s."""
-        flown_path = path if way is None else path._replace(times=path.times[way.waypoints])
+        flown_path = path if detour is None else path._replace(times=path.times[detour.waypoints])
         return passing_times(self.problem(self.laps), flown_path)
 
     def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "CollisionFreeRoute | None"]:
         """Return the path, the start and end times of its laps (s), and the collision-free route that the path follows.
 
-        The times are empty for a single lap. The collision-free route is None if there are no obstacles. If the method
-        chooses the times of several laps, it plans three laps, and the middle one is repeated.
+        The times are empty for a single lap. The collision-free route is None if there are no obstacles. If the planner
+        chooses the times of several laps, it plans three laps, of which the middle one is repeated.
 
         Raises:
             InputError: if no path exists or none is found.
@@ -253,8 +253,8 @@ class WaypointRoute(MovingRoute):
         if self.laps == 1:
             if space is None:
                 return plan_path(self.problem(), self.times.timing()), (), None
-            path, way = self._around(space)
-            return path, (), way
+            path, detour = self._path_around_obstacles(space)
+            return path, (), detour
         is_fixed = isinstance(self.times, FixedWaypointTimes)
         problem = self.problem() if is_fixed else without_repeats(self.problem(3))
         path = plan_path(problem.without_limits() if is_fixed else problem, self.times.timing())
@@ -265,7 +265,7 @@ class WaypointRoute(MovingRoute):
             durations, points = split_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
-        # If times are given, the vehicle hovers between two equal waypoints.
+        # With given times, the vehicle hovers between two successive waypoints at the same point.
         staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
         stops[:-1] |= staying
         stops[1:] |= staying
@@ -274,19 +274,19 @@ class WaypointRoute(MovingRoute):
         factor = stretch_factor(all_laps, problem.limits) if problem.limits.by_order else 0.0
         if is_fixed:
             if factor > 1.0 + 1e-9:
-                raise InputError(f"multiply route.times by {factor:.3g}: with laps, the path exceeds its limits")
+                raise InputError(f"the path through all laps exceeds its limits; multiply route.times by {factor:.3g}")
             start = float(path.times[0])
             return all_laps._replace(times=all_laps.times + start), tuple([start + time for time in laps]), None
         return all_laps.scaled_in_time(factor), tuple([factor * time for time in laps]), None
 
-    def _around(self, space: Space) -> tuple[PolynomialPath, "CollisionFreeRoute"]:
+    def _path_around_obstacles(self, space: Space) -> tuple[PolynomialPath, "CollisionFreeRoute"]:
         """Return a path that keeps the clearance and the bounds of a space, and its route around obstacles.
 
         Raises:
             InputError: if no path exists or none is found.
         """
-        # Imported here, because space.around imports pydrake.planning, which most flights do not need.
-        from drake_quad.space.around import (
+        # Imported here, because space.collision_free imports pydrake.planning, which most flights do not need.
+        from drake_quad.space.collision_free import (
             check_waypoint_clearance,
             direct_route,
             plan_collision_free_path,
@@ -307,11 +307,11 @@ class WaypointRoute(MovingRoute):
                 f"the path comes to {approach}, nearer than the clearance of {space.clearance:.3g} m; give"
                 " space.bounds, the box in which to plan a route around the obstacles"
             )
-        path, way = cached_on_disk(plan_collision_free_path, space, space.bounds, problem, timing)
+        path, detour = cached_on_disk(plan_collision_free_path, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)
         if approach is not None and approach.distance < space.clearance:
             raise RuntimeError(f"a path planned with a clearance of {space.clearance:g} m comes to {approach}")
-        return path, way
+        return path, detour
 
 
 def _laps_as_legs(path: PolynomialPath, laps: tuple[float, ...]) -> tuple[Leg, ...]:

@@ -17,7 +17,7 @@ from drake_quad.laboratory.sensors.gauss_markov import Correlation
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Span, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -50,7 +50,7 @@ class BarometerSettings(SensorSettings):
     )
     law: ClassVar = BAROMETER
     noise: ClassVar = ("height_noise", "drift")
-    aids: ClassVar = AidingUse("height", (("height_noise", "drift"),))
+    aids: ClassVar = AidingModel("height", (("height_noise", "drift"),))
 
     def parameters(self, vehicle: Any) -> BarometerParameters:
         """Return the barometer parameters."""
@@ -64,5 +64,5 @@ class BarometerSettings(SensorSettings):
         return record_like(BarometerParameters, self, position=position, errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> HeightAiding:
-        """Return the use of a height."""
+        """Return the parameters of the measurement equation for the height, given its standard deviation (m)."""
         return HeightAiding(*deviations)

@@ -18,7 +18,7 @@ from drake_quad.laboratory.sensors.gnss import (
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Position, Span, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -55,7 +55,7 @@ class GnssSettings(SensorSettings):
     law: ClassVar = GNSS
     nonlinear: ClassVar = {"multipath": (0.0, 0.0, 0.0)}
     noise: ClassVar = ("position_noise", "velocity_noise", "position_drift", "multipath")
-    aids: ClassVar = AidingUse("fix", (("position_noise", "position_drift", "multipath"), ("velocity_noise",)))
+    aids: ClassVar = AidingModel("fix", (("position_noise", "position_drift", "multipath"), ("velocity_noise",)))
 
     def parameters(self, vehicle: Any) -> GnssParameters:
         """Return the parameters of satellite navigation."""
@@ -69,5 +69,9 @@ class GnssSettings(SensorSettings):
         return record_like(GnssParameters, self, position=position, errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> FixAiding:
-        """Return the use of a position and a velocity."""
+        """Return the parameters of the measurement equation for position and velocity.
+
+        Args:
+            deviations: standard deviations of the three coordinates (m) and of the three velocities (m/s).
+        """
         return FixAiding(PositionAiding(*deviations[:3]), VelocityAiding(*deviations[3:]))

@@ -16,7 +16,7 @@ from drake_quad.scenario.quantities import Misalignment, NonNegative, Positive, 
 from drake_quad.scenario.sensors.sensor import SensorSettings
 from drake_quad.scenario.sensors.vibration import VibrationSettings
 
-# Circuit boards are misaligned by at most a few degrees. The limit of 0.35 rad is 20°.
+# Circuit boards are misaligned by at most a few degrees. The limit of 0.35 rad corresponds to 20°.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 NO_ERROR = (0.0, 0.0, 0.0)
 
@@ -69,12 +69,12 @@ class InertialSettings(SensorSettings):
         )
 
     def equivalent_walk(self) -> Any:
-        """Return the random walk that changes the bias as fast as the random walk and the instability together."""
+        """Return a random walk that approximates random walk and bias instability together over short times."""
         settings: Any = self
         return np.hypot(settings.bias_random_walk, settings.bias_instability * np.sqrt(2.0 / settings.bias_time))
 
     def white_noise(self) -> Any:
-        """Return the standard deviation of the white noise of a reading, given the noise density."""
+        """Return the standard deviation of the white noise of a reading, which follows from the noise density."""
         settings: Any = self
         return settings.noise_density / math.sqrt(settings.period)
 

@@ -20,10 +20,10 @@ from drake_quad.laboratory.sensors.magnetometer import (
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Direction, NonNegative, Number, Position, Positive, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
-# The field of the earth is 22 to 67 µT.
+# The magnetic field of the earth has a magnitude of 22 to 67 µT.
 _PLAUSIBLE_FIELD = Plausible("T", "µT", 1e-6, upper=1e-3)
 _SixNumbers = Annotated[tuple[Number, Number, Number, Number, Number, Number], Field(strict=False)]
 
@@ -51,7 +51,8 @@ class MagnetometerSettings(SensorSettings):
     )
     soft_iron: _SixNumbers = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        description="symmetric matrix by which the field changes: xx, yy, zz, xy, xz and yz (1)",
+        description="elements xx, yy, zz, xy, xz and yz of a symmetric matrix; the error is this matrix times the"
+        " field (1)",
     )
     motor_interference: Position = Field(
         default=(0.0, 0.0, 0.0),
@@ -63,7 +64,7 @@ class MagnetometerSettings(SensorSettings):
     )
     law: ClassVar = MAGNETOMETER
     noise: ClassVar = ("field_noise",)
-    aids: ClassVar = AidingUse("magnetic_field", (("field_noise",),))
+    aids: ClassVar = AidingModel("magnetic_field", (("field_noise",),))
 
     def parameters(self, vehicle: Any) -> MagnetometerParameters:
         """Return the magnetometer parameters."""
@@ -74,7 +75,11 @@ class MagnetometerSettings(SensorSettings):
         return record_like(MagnetometerParameters, self, earth=self._earth_field(), errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> MagneticAiding:
-        """Return the use of the direction of the horizontal field, given the deviation of the field (T)."""
+        """Return the parameters of the measurement equation for the direction of the horizontal field.
+
+        Args:
+            deviations: standard deviation of the field on each axis, T.
+        """
         field = self._earth_field()
         (deviation,) = deviations
         return MagneticAiding(deviation / np.hypot(field.x, field.y), Vector(*field))

@@ -7,7 +7,7 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.optical_flow import OPTICAL_FLOW, OpticalFlowParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_RELATIVE_ERROR, PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, RelativeError, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -38,13 +38,13 @@ class OpticalFlowSettings(SensorSettings):
     )
     law: ClassVar = OPTICAL_FLOW
     noise: ClassVar = ("flow_noise",)
-    aids: ClassVar = AidingUse("flow", (("flow_noise",),))
+    aids: ClassVar = AidingModel("flow", (("flow_noise",),))
 
     def parameters(self, vehicle: Any) -> OpticalFlowParameters:
         """Return the parameters of optical flow."""
         return record_like(OpticalFlowParameters, self, position=relative_to_centre(self.position, vehicle))
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> FlowAiding:
-        """Return the use of the flow."""
+        """Return the parameters of the measurement equation for the flow, given its standard deviation (rad/s)."""
         (deviation,) = deviations
         return FlowAiding(deviation, self.ground)

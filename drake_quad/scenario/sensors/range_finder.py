@@ -7,7 +7,7 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.range_finder import RANGE_FINDER, RangeFinderParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, not_in_millimetres
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -39,13 +39,16 @@ class RangeFinderSettings(SensorSettings):
     )
     law: ClassVar = RANGE_FINDER
     noise: ClassVar = ("distance_noise", "relative_noise")
-    aids: ClassVar = AidingUse("ground_distance", (("distance_noise", "relative_noise"),))
+    aids: ClassVar = AidingModel("ground_distance", (("distance_noise", "relative_noise"),))
 
     def parameters(self, vehicle: Any) -> RangeFinderParameters:
         """Return the range finder parameters."""
         return record_like(RangeFinderParameters, self, position=relative_to_centre(self.position, vehicle))
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> GroundAiding:
-        """Return the use of a distance to the ground. By default, its standard deviation is that at 1 m."""
+        """Return the parameters of the measurement equation for the distance to the ground.
+
+        The standard deviation does not depend on the distance. By default, it is the standard deviation at 1 m.
+        """
         (deviation,) = deviations
         return GroundAiding(deviation, self.ground)

@@ -2,7 +2,7 @@
 
 To add a sensor, extend `SensorSettings` and register the class with `SENSORS.register`. The readings then form a signal
 named after the kind. The laboratory has a port with this name. The signal is recorded, and a control may read it. If
-readings can be missing, a second signal tells whether the present reading is valid. Its name ends with `_valid`.
+readings can be missing, a second signal, whose name ends with `_valid`, tells whether the present reading is valid.
 """
 
 from abc import abstractmethod
@@ -25,8 +25,8 @@ _Member = TypeVar("_Member", bound=type[Model])
 class SensorSettings(AidingSensor, Model):
     """Onboard sensor. In a fleet scenario, randomly drawn values are (N,) arrays.
 
-    An error that can be switched off is a field of `errors` in the parameters. The scenario field of the same name
-    switches it on, if this field contains a mapping or a number that differs from zero.
+    The fields of `errors` in the parameters are the errors that can be switched off. An error is on if the scenario
+    field of the same name contains a mapping or a nonzero number.
 
     Attributes:
         law: measurement law of the sensor.

@@ -11,7 +11,7 @@ from drake_quad.laboratory.sensors.uwb_range import UWB_RANGE, Anchor, Outliers,
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, Probability, field_from_record
-from drake_quad.scenario.sensors.aiding import AidingUse
+from drake_quad.scenario.sensors.aiding import AidingModel
 from drake_quad.scenario.sensors.mounting import relative_to_centre
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
@@ -35,13 +35,12 @@ class UwbRangeSettings(SensorSettings):
     )
     outlier_size: Annotated[NonNegative, needs("outlier_rate")] = Field(
         default=0.0,
-        description="size of outliers, which is the standard deviation of the normal number whose magnitude is added to"
-        " the distance (m)",
+        description="standard deviation of a normal random number, whose magnitude an outlier adds to the distance (m)",
     )
     law: ClassVar = UWB_RANGE
     nonlinear: ClassVar = {"outlier_rate": 0.0}
     noise: ClassVar = ("distance_noise", "outlier_rate")
-    aids: ClassVar = AidingUse("anchor_distance", (("distance_noise",),))
+    aids: ClassVar = AidingModel("anchor_distance", (("distance_noise",),))
 
     def parameters(self, vehicle: Any) -> UwbParameters:
         """Return the parameters of the distance measurement."""
@@ -50,6 +49,6 @@ class UwbRangeSettings(SensorSettings):
         return record_like(UwbParameters, self, anchor=Anchor(*self.anchor), position=position, errors=errors)
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> AnchorAiding:
-        """Return the use of a distance to the anchor."""
+        """Return the parameters of the measurement equation for the distance, given its standard deviation (m)."""
         (deviation,) = deviations
         return AnchorAiding(deviation, Vector(*self.anchor))

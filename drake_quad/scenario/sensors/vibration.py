@@ -13,7 +13,7 @@ from drake_quad.scenario.quantities import Direction, NonNegative
 
 # A 20-inch propeller weighs 50 g. Its centre of mass is less than 2 mm from the axis, an unbalance of 1e-4 kg m.
 _PLAUSIBLE_UNBALANCE = Plausible("kg m", "g mm", 1e-6, upper=1e-3)
-# A series of more harmonics is not known for any propeller, and each harmonic costs time.
+# No known propeller data contain more harmonics, and each harmonic costs computing time.
 _MAX_HARMONICS = 8
 
 
@@ -44,14 +44,20 @@ class VibrationSettings(Model):
             period: time between readings, s.
         """
         body = FreeBody(vehicle.mass, vehicle.inertia)
-        return self._with(lambda hub, force: body.specific_force(hub, force, position), vehicle, period)
+        return self._vibration(lambda hub, force: body.specific_force(hub, force, position), vehicle, period)
 
     def of_gyroscope(self, vehicle: Any, period: float) -> Vibration:
         """Return the vibration of a gyroscope; the arguments are as in `of_accelerometer`."""
-        return self._with(FreeBody(vehicle.mass, vehicle.inertia).angular_acceleration, vehicle, period)
+        return self._vibration(FreeBody(vehicle.mass, vehicle.inertia).angular_acceleration, vehicle, period)
 
-    def _with(self, response: Any, vehicle: Any, period: float) -> Vibration:
-        """Return the vibration, given a function that returns the response of the sensor to a force at a rotor hub."""
+    def _vibration(self, response: Any, vehicle: Any, period: float) -> Vibration:
+        """Return the vibration of a sensor.
+
+        Args:
+            response: function that returns the response of the sensor, given the position of a rotor hub and a force.
+            vehicle: vehicle in `Batch.fleet_scenario`, in which random fields are arrays.
+            period: time between readings, s.
+        """
         centre_x, centre_y = vehicle.centre_of_mass
         responses = []
         for rotor, unbalance in zip(rotors_of(vehicle), self.unbalance, strict=True):

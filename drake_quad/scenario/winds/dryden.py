@@ -28,13 +28,13 @@ class DrydenSource(WindSource):
     )
     airspeed: Annotated[Number, bounds(ge=1.0)] | None = Field(
         default=None,
-        description="speed at which the turbulence passes the vehicle (m/s); if not given, the larger of 1 m/s and the"
+        description="speed at which the turbulence passes the vehicle (m/s); by default, the larger of 1 m/s and the"
         " speed of the steady wind",
     )
     heading: Direction | None = Field(
         default=None,
-        description="direction of the longitudinal axis, from X towards Y (rad); the direction of the steady wind if"
-        " not given",
+        description="direction of the longitudinal axis, from X towards Y (rad); by default, the direction of the"
+        " steady wind",
     )
     strength_fields: ClassVar = ("intensity",)
     depends_on_position: ClassVar = False

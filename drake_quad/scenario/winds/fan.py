@@ -39,7 +39,7 @@ class FanSource(WindSource):
     @classmethod
     def _has_direction(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
         if not any(excludes_zero(part) for part in direction):
-            raise validation_error(f"must have a component whose magnitude is always larger than {MIN_MAGNITUDE}")
+            raise validation_error(f"must have a component whose magnitude is at least {MIN_MAGNITUDE} in every sample")
         return direction
 
     def jets(self) -> tuple[Jet, ...]:

@@ -101,7 +101,7 @@ class BlowingSource(WindSource):
     strength_fields: ClassVar = ("velocity", "speed")
 
     @model_validator(mode="after")
-    def _one_motion(self) -> "BlowingSource":
+    def _has_one_form(self) -> "BlowingSource":
         specified = [name for name in ("velocity", "speed", "heading") if getattr(self, name) is not None]
         if specified not in (["velocity"], ["speed", "heading"]):
             specified_text = " and ".join(specified) or "none of them"

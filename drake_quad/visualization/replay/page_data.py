@@ -10,7 +10,7 @@ from drake_quad.flight.flight import Flight
 from drake_quad.visualization.curves import quantiles_over_flights
 from drake_quad.visualization.replay.scene import SceneRoom
 from drake_quad.visualization.replay.shapes import Frame
-from drake_quad.visualization.style import AXES
+from drake_quad.visualization.style import AXIS_COLORS
 
 # Largest number of instants in the plot.
 _MAX_INSTANTS = 800
@@ -102,7 +102,7 @@ def _marks(room: SceneRoom) -> list[dict[str, Any]]:
     titles: list[dict[str, Any]] = []
     numbers: list[dict[str, Any]] = []
     for i, (axis, position_at) in enumerate(lines.items()):
-        end, color = high[i] + (offset if axis == "z" else 0.0), AXES[axis]
+        end, color = high[i] + (offset if axis == "z" else 0.0), AXIS_COLORS[axis]
         titles.append({"at": position_at(end), "text": f"{axis.upper()} (m)", "color": color})
         for value in room.grid(i):
             numbers.append({"at": position_at(value), "text": f"{value:g}".replace("-", "−"), "color": color})

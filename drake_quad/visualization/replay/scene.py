@@ -13,7 +13,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import jets
 from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
-from drake_quad.visualization.style import AXES
+from drake_quad.visualization.style import AXIS_COLORS
 
 # Margin of the room around the paths, relative to the distance from the vehicle's middle to its farthest rotor. The
 # margin is 0.7 m for the vehicle of Kayacan and Maslim (2016).
@@ -163,7 +163,7 @@ def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
     for axis, start in zip("xyz", ([0, 0, 0], [1, 0, 0], [0, 0, 0]), strict=True):
         begin = low + np.array(start) * size
         end = np.where([axis == each for each in "xyz"], high, begin)
-        _draw_segments(meshcat, f"/room/{axis}", [(begin, end)], AXES[axis])
+        _draw_segments(meshcat, f"/room/{axis}", [(begin, end)], AXIS_COLORS[axis])
 
 
 def _draw_segments(meshcat: Meshcat, path: str, segments: Sequence[tuple[Any, Any]], color: str) -> None:

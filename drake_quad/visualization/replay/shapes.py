@@ -18,7 +18,7 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
-# Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn in full size. The
+# Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn at full size. The
 # value is that of the vehicle of Kayacan and Maslim (2016). The parts of smaller vehicles are scaled down.
 _FULL_SIZE_ROTOR_DISTANCE = 0.17
 # Radius of an 8-inch propeller, m, as on the vehicle of Kayacan and Maslim (2016). Smaller propellers are drawn if
@@ -60,7 +60,7 @@ class Frame(NamedTuple):
     def of(cls, vehicle: Any) -> "Frame":
         """Return the airframe of a vehicle: two side bars and a crossbar for an H frame, else four arms."""
         rotors = rotors_of(vehicle)
-        sides = [rotor.y if vehicle.layout.has_sides else 0.0 for rotor in rotors]
+        sides = [rotor.y if vehicle.layout.has_side_bars else 0.0 for rotor in rotors]
         return cls(rotors, tuple(np.array([0.0, side, 0.0]) for side in sides))
 
     @property

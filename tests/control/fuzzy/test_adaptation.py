@@ -31,12 +31,12 @@ from drake_quad.control.fuzzy.systems import (
 from drake_quad.framework.records import layout_of
 
 ALL_PARTS = ("centres", "widths", "exponents")
-SETS_OF_INPUTS = (
+FUZZY_SETS_OF_INPUTS = (
     FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
     CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
-INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=SETS_OF_INPUTS)
+INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=FUZZY_SETS_OF_INPUTS)
 
 
 def with_change(antecedents, index, change):
@@ -100,7 +100,7 @@ def test_adapted_sets_stay_valid_for_any_learning_signal(seed, size):
             centres, widths = np.array(after.centres), np.array(after.widths)
             assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
-            # Every point belongs to a set, so no division by zero occurs.
+            # Every point belongs to at least one set, so no division by zero occurs.
             assert (widths[:-1] + widths[1:] >= 1.02 * np.diff(centres) - 1e-12).all()
             if isinstance(before, CircularSets):
                 assert widths[-1] + widths[0] >= 1.02 * (centres[0] + before.scale - centres[-1]) - 1e-12
@@ -116,8 +116,8 @@ def test_only_the_selected_parts_of_the_sets_learn(part):
     after = adapt_antecedents(INITIAL_ANTECEDENTS, gradient, 0.001, rates, initial=INITIAL_ANTECEDENTS, parts=(part,))
     changed = {
         "exponents": after[:3] != INITIAL_ANTECEDENTS[:3],
-        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS_OF_INPUTS, strict=True)),
-        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS_OF_INPUTS, strict=True)),
+        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, FUZZY_SETS_OF_INPUTS, strict=True)),
+        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, FUZZY_SETS_OF_INPUTS, strict=True)),
     }
     assert [name for name, has_changed in changed.items() if has_changed] == [part]
     # The step is too small to reach a bound, so each part changes by its rate times the gradient.
@@ -131,8 +131,8 @@ def test_only_the_selected_parts_of_the_sets_learn(part):
 def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
     """The parameters of two vehicles follow the equations of the gradient law with a dead zone."""
     sets = (
-        INITIAL_ANTECEDENTS._replace(inputs=SETS_OF_INPUTS[:2]),
-        INITIAL_ANTECEDENTS._replace(a1=1.2, inputs=SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(inputs=FUZZY_SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(a1=1.2, inputs=FUZZY_SETS_OF_INPUTS[:2]),
     )
     learning = LearningParameters(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
     parameters = AdaptationParameters(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
@@ -164,15 +164,15 @@ def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
 def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
     """The corrections of both networks are equal for the same weights and inputs."""
     sets, parameters = (
-        INITIAL_ANTECEDENTS._replace(inputs=SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(inputs=FUZZY_SETS_OF_INPUTS[:2]),
         LearningParameters(1.7, GradientLaw(0.4), initial_weight=0.3),
     )
 
-    def command(**more):
+    def command(**options):
         network = build_fuzzy_network(
-            rules=FuzzyRules(adaptive=bool(more), parameters=FuzzyRulesParameters((sets,))),
+            rules=FuzzyRules(adaptive=bool(options), parameters=FuzzyRulesParameters((sets,))),
             learning=WeightLearning(num_rules=12, parameters=parameters),
-            **more,
+            **options,
         )
         context = network.CreateDefaultContext()
         for name, rows in (("error", (0.1, -0.2, 0.3)), ("error_rate", (0.4, 0.1, -0.3))):
@@ -189,16 +189,16 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
 @pytest.mark.long
 def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
     """For this network of few rules, the error with adaptive sets may be at most 2 % larger than with constant sets."""
-    own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
-    plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
+    overrides = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
+    constant_sets = simulate(asymmetric("pd_t2fnn", *overrides), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"
-    adaptive = simulate(asymmetric("pd_t2fnn", *own, rates), sample=0, compiled=True)
+    adaptive = simulate(asymmetric("pd_t2fnn", *overrides, rates), sample=0, compiled=True)
     parameters = adaptive["antecedents"]
     assert parameters.shape[1] == 3 * 19
     is_moved = np.ptp(parameters, axis=0) > 0.0
     assert 20 < is_moved.sum() < 60
-    assert adaptive.metrics.rmse <= 1.02 * plain.metrics.rmse
-    assert "antecedents" not in plain.signals
+    assert adaptive.metrics.rmse <= 1.02 * constant_sets.metrics.rmse
+    assert "antecedents" not in constant_sets.signals
 
 
 def test_membership_derivatives_agree_with_the_membership():

@@ -19,8 +19,8 @@ weights_of_lower = st.floats(0.0, 1.0)
 inputs_in_universe = st.floats(-1.0, 1.0)
 
 
-def sixteenths(least, most):
-    return st.integers(16 * least, 16 * most).map(lambda number: number / 16)
+def multiples_of_a_sixteenth(low, high):
+    return st.integers(16 * low, 16 * high).map(lambda number: number / 16)
 
 
 @st.composite
@@ -29,7 +29,9 @@ def fuzzy_sets(draw):
 
     Their centres are multiples of 1/16, so that the ends of their supports have no rounding errors.
     """
-    centres = np.cumsum([draw(sixteenths(-3, 3)), *draw(st.lists(sixteenths(1, 2), min_size=1, max_size=4))])
+    centres = np.cumsum(
+        [draw(multiples_of_a_sixteenth(-3, 3)), *draw(st.lists(multiples_of_a_sixteenth(1, 2), min_size=1, max_size=4))]
+    )
     gaps = np.diff(centres)
     # Each width exceeds half of the distance to either neighbour.
     widths = [max(gaps[max(i - 1, 0) : i + 1]) * draw(st.sampled_from([0.625, 1.0, 1.25])) for i in range(len(centres))]
@@ -118,7 +120,7 @@ def test_firing_strengths_are_not_negative_and_sum_to_one(a1, a2, q, error_sets,
 def test_inputs_are_clamped_to_the_universe():
     error, rate = FuzzySets(2.0, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.3)), FuzzySets(0.5, (-0.9, 0.3, 1.2), (1.4, 1.3, 1.5))
     antecedents = Antecedents(1.3, 0.7, 0.4, (error, rate))
-    # The universes, in units of the inputs, are from -0.5 to 0.4 and from -1.8 to 2.4.
+    # The universes of the two inputs range from -0.5 to 0.4 and from -1.8 to 2.4, in units of the inputs.
     for beyond, edge in ((-0.51, -0.5), (-9.0, -0.5), (0.41, 0.4), (9.0, 0.4)):
         assert firing_strengths((beyond, 0.2), antecedents) == firing_strengths((edge, 0.2), antecedents)
     for beyond, edge in ((-1.81, -1.8), (-9.0, -1.8), (2.41, 2.4), (9.0, 2.4)):

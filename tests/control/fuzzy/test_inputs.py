@@ -24,8 +24,8 @@ SIGNALS = {
 def test_an_input_of_a_rule_is_a_signal_on_the_axis_a_coordinate_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert input_signals(inputs) == ("error", "error_rate", "measurement", "disturbance")
-    for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
-        e, rate, d = own
+    for axis, values_on_axis in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
+        e, rate, d = values_on_axis
         assert input_values(axis, inputs, SIGNALS, 2.0, (0.0, 8.0)) == [e, rate, 3.0, 7.0, 0.25, d]
 
 
@@ -52,10 +52,7 @@ def test_the_phase_restarts_with_each_lap():
 
 
 def test_type_1_firing_strengths_of_four_inputs_are_products_of_those_of_two_pairs():
-    """The firing strengths for four inputs are the products of those for the first two and those for the last two.
-
-    This does not hold for type 2, whose firing strengths are sums of two such products.
-    """
+    """The pairs are the first two and the last two inputs. Type 2 does not have this property."""
     rng = np.random.default_rng(4)
     sets = [FuzzySets(1.0 + 0.1 * n, tuple(np.linspace(-1.0, 1.0, n)), (1.3,) * n) for n in (2, 3, 4, 2)]
     for values in rng.uniform(-1.0, 1.0, (20, 4)).tolist():
@@ -92,9 +89,9 @@ def test_a_network_with_phase_input_flies_equally_compiled_and_uncompiled(diagra
         ],
     )
     flight, _ = assert_flown_alike(Batch.draw(scenario, [3, 0]))
-    on_x, _ = np.split(flight["weights"], 2, axis=1)
+    weights_on_x, _ = np.split(flight["weights"], 2, axis=1)
     # The sum is over the sets of v_x, the first input of the rules.
-    change = np.abs(np.diff(on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
+    change = np.abs(np.diff(weights_on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
     # A lap has 16 ticks of 20 ms. The first set, around phase 0, learns at both ends of a lap but not in its middle.
     phase = (np.arange(len(change)) % 16) / 16.0
     middle, late, early = (phase > 0.36) & (phase < 0.64), phase > 0.66, phase < 0.34

@@ -277,6 +277,5 @@ def test_a_vehicle_in_a_large_fleet_learns_like_a_single_vehicle(law):
 
 
 def test_learning_laws_have_unit_gains_and_no_limits_by_default():
-    """All gains are one, and no limit is active."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
     assert LearningLimits() == (np.inf, 0.0, 0.0)

@@ -213,8 +213,8 @@ def test_a_sample_has_the_same_error_in_a_single_flight_and_in_a_fleet(scenario_
     ],
 )
 def test_every_learning_law_reduces_the_error_in_flight(scenario_with, learning):
-    own = [f"control.network.learning={learning}"]
-    error = simulate(scenario_with("pd_t2fnn", *own), sample=0).metrics.rmse
+    overrides = [f"control.network.learning={learning}"]
+    error = simulate(scenario_with("pd_t2fnn", *overrides), sample=0).metrics.rmse
     assert error < 0.9 * simulate(scenario_with("pd"), sample=0).metrics.rmse
 
 

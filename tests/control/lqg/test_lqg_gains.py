@@ -115,29 +115,30 @@ def test_the_kalman_gain_gives_the_smallest_error_variance():
 def test_commands_in_transit_act_after_the_delay(delay):
     model = MODELS["vertical"]
     A, B = discretise(model.A, model.B, TICK)
-    whole = augment_with_delay(A, B, delay)
+    augmented = augment_with_delay(A, B, delay)
     commands = np.random.default_rng(0).normal(size=12)
     x, z = np.zeros((len(A), 1)), np.zeros((len(A) + delay, 1))
     for tick, u in enumerate(commands):
         x = A @ x + B * (commands[tick - delay] if tick >= delay else 0.0)
-        z = whole[0] @ z + whole[1] * u
+        z = augmented[0] @ z + augmented[1] * u
         np.testing.assert_allclose(z[: len(A)], x, atol=1e-14)
         np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
 
 
 def test_the_equilibrium_thrust_is_the_position_gain_divided_by_the_outer_gain():
-    """A position deviation p under constant commands leads to the specific thrust -K_p p / k, with the outer gain k."""
+    """In equilibrium, a position deviation p causes the specific thrust -K_p p / k, where k is the outer gain."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]
         loop = axis_loop(model, timing, noise=np.array(noise), command_weight=1e-3)
-        # In equilibrium K [x; u, u] + u = 0. The command u equals s for attitudes and thrusts, and is zero for torques.
+        # In equilibrium, the state x and the command u satisfy K [x; u, u] + u = 0. If u commands an attitude or a
+        # thrust, it equals the specific thrust s. If u commands a torque, it is zero.
         s, p = 1.0, 0.7
         u = 0.0 if name == "torque" else s
         rest = loop.K.position * p + loop.K.thrust * s + sum(loop.K_pending) * u + u
         if name == "torque":
-            assert loop.outer == loop.K.thrust
-        assert rest == pytest.approx(loop.K.position * p + loop.outer * s)
+            assert loop.outer_divisor == loop.K.thrust
+        assert rest == pytest.approx(loop.K.position * p + loop.outer_divisor * s)
         (slope,) = model.A[[model.kind._fields.index("thrust" if name == "vertical" else "jerk")]]
         drive = model.B[model.kind._fields.index("thrust" if name == "vertical" else "jerk")].item()
         assert slope[model.kind._fields.index("thrust")] * s + drive * u == pytest.approx(0.0, abs=1e-12)

@@ -80,8 +80,8 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
-        # The chain contains the horizontal part of a thrust whose vertical part is f̄. The actual vertical part differs
-        # from f̄, and the horizontal part differs in proportion.
+        # The horizontal thrust in the chain belongs to the vertical thrust of the last command. The filter scales it to
+        # the estimated vertical thrust.
         offset = (
             0.0
             if s is None
@@ -174,7 +174,7 @@ def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(parame
         error[i], rate[i] = 0.3, -0.7
         feedback = outer_feedback(PositionError(*error), PositionErrorRate(*rate), parameters)
         expected = np.zeros(3)
-        expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer
+        expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer_divisor
         np.testing.assert_allclose(feedback, expected, rtol=1e-12)
 
 
@@ -190,24 +190,41 @@ def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
 
 def test_commands_stay_within_the_tilt_thrust_and_snap_limits():
     """A limited horizontal command keeps its direction. Deviations are computed from the limited command."""
-    far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
+    far_reference = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulator_output(
-        running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, TARGET_LQG, TICK
+        running_filter(AttitudeChain).estimate,
+        far_reference,
+        JERK,
+        SNAP,
+        sent_commands(1, None),
+        None,
+        None,
+        TARGET_LQG,
+        TICK,
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
     free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     limited, desired = (
-        regulator_output(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (TARGET_LQG, free)
+        regulator_output(estimate, far_reference, JERK, SNAP, sent, None, None, each, TICK).command
+        for each in (TARGET_LQG, free)
     )
     assert limited.x / limited.y == pytest.approx(desired.x / desired.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
-    low = regulator_output(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
+    low = regulator_output(estimate, far_reference._replace(z=-300.0), JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
     narrow = TORQUE_LQG._replace(torques=TORQUE_LQG.torques._replace(max_snap=3.0))
-    farther = far._replace(x=400.0, y=-300.0)
+    farther_reference = far_reference._replace(x=400.0, y=-300.0)
     torques = regulator_output(
-        running_filter(TorqueChain).estimate, farther, JERK, SNAP, sent_commands(2, SNAP), None, None, narrow, TICK
+        running_filter(TorqueChain).estimate,
+        farther_reference,
+        JERK,
+        SNAP,
+        sent_commands(2, SNAP),
+        None,
+        None,
+        narrow,
+        TICK,
     )
     assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
     assert math.hypot(*torques.acceleration[:2]) == pytest.approx(0.7 * 9.81)

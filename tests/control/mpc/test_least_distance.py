@@ -8,9 +8,10 @@ from drake_quad.control.mpc.least_distance import LeastDistance
 
 
 def by_nonnegative_least_squares(rows, bounds):
-    """Return the v with the smallest norm that satisfies G v <= h.
+    """Return the vector v of smallest norm that satisfies G v <= h.
 
-    This is -r / r_n with the residual r of E u = f, E = [-Gᵀ; -hᵀ] and f = e_n.
+    The solution is -r / r_n, where r is the residual of the nonnegative least-squares problem E u = f with
+    E = [-Gᵀ; -hᵀ] and f = e_n.
     """
     E = np.vstack([-rows.T, -bounds])
     f = np.append(np.zeros(rows.shape[1]), 1.0)

@@ -97,7 +97,7 @@ class ExplicitAxis:
 
 
 def minimised(cost, margins, size, scale):
-    """Return the solution of a convex problem by sequential least squares."""
+    """Minimise a convex cost by sequential least squares programming, and return the solution."""
     result = scipy.optimize.minimize(
         lambda v: cost(scale * v),
         np.zeros(size),
@@ -115,7 +115,7 @@ def excess(values):
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
-def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states(kind):
+def test_horizontal_commands_agree_with_an_optimisation_over_simulated_states(kind):
     """Each limit applies at its tick, and the slack variables add their cost."""
     horizon = horizon_of(kind)
     axis, r = ExplicitAxis(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
@@ -134,7 +134,7 @@ def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states
             a - tau + 0.2 * j + 0.03 * s
             for a, tau, j, s in zip((r.a_x, r.a_y), CORRECTION, (jerk.x, jerk.y), (snap.x, snap.y), strict=False)
         ]
-    reach = 9.8 * np.tan(0.1) * np.cos(np.pi / 16)
+    max_force = 9.8 * np.tan(0.1) * np.cos(np.pi / 16)
     normals = [(np.cos(a), np.sin(a)) for a in 2.0 * np.pi * np.arange(16) / 16]
 
     def parts(v):
@@ -158,10 +158,10 @@ def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states
             for u, forward in ((u_x, ahead[0]), (u_y, ahead[1])):
                 rows += [(40.0 - (forward[now] + u)) / 40.0, (40.0 + forward[now] + u) / 40.0]
             s_x, s_y = r.a_x[later] - 0.1 + x_k[1:, 2], r.a_y[later] + 0.2 + y_k[1:, 2]
-            rows += [(reach - c * s_x - s * s_y) / 9.8 + over_tilt for c, s in normals]
+            rows += [(max_force - c * s_x - s * s_y) / 9.8 + over_tilt for c, s in normals]
         else:
             w_x, w_y = ahead[0][now] + u_x, ahead[1][now] + u_y
-            rows += [(reach - c * w_x - s * w_y) / 9.8 for c, s in normals]
+            rows += [(max_force - c * w_x - s * w_y) / 9.8 for c, s in normals]
         return np.concatenate(rows)
 
     scale = np.repeat([20.0 if kind == "torques" else 0.5, 0.05], [2 * NUM_TICKS, 3 * NUM_TICKS])
@@ -210,7 +210,7 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
 
 
 @pytest.mark.parametrize("height", [0.35, -0.3])
-def test_vertical_commands_solve_the_same_problem_written_with_explicit_states(height):
+def test_vertical_commands_agree_with_an_optimisation_over_simulated_states(height):
     horizon = horizon_of("torques")
     axis, r = ExplicitAxis(MODELS["height"], COMMAND_WEIGHTS["vertical"]), horizon.preview.reference
     z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])
@@ -242,7 +242,7 @@ def test_vertical_commands_solve_the_same_problem_written_with_explicit_states(h
 
 def test_a_violated_limit_beyond_the_horizon_has_no_influence():
     """The reference demands too much snap at one tick. Nothing changes until the horizon includes this tick."""
-    still = horizon_of("torques", CORRIDOR._replace(follows_reference=True))
+    horizon = horizon_of("torques", CORRIDOR._replace(follows_reference=True))
     calm = Preview(
         *(record(*np.zeros((len(record._fields), NUM_INSTANTS))) for record in (Reference, Jerk, Snap, Snap))
     )
@@ -250,9 +250,9 @@ def test_a_violated_limit_beyond_the_horizon_has_no_influence():
     spike[9] = 30.0
     preview = calm._replace(snap=calm.snap._replace(x=spike), before=calm.before._replace(x=spike))
     regulator = design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
-    limited = still.parameters._replace(torques=TORQUE_PARAMETERS._replace(max_snap=20.0))
+    limited = horizon.parameters._replace(torques=TORQUE_PARAMETERS._replace(max_snap=20.0))
     programme = Programme(
-        list(horizontal_constraints(regulator, still._replace(preview=preview, parameters=limited))), regulator.weight
+        list(horizontal_constraints(regulator, horizon._replace(preview=preview, parameters=limited))), regulator.weight
     )
     n = len(regulator.K)
     perturbations = [
@@ -265,7 +265,7 @@ def test_a_violated_limit_beyond_the_horizon_has_no_influence():
 
 
 def test_the_programme_has_a_solution_for_any_deviation():
-    """Deviations may have any size. The solution satisfies the limits on commands."""
+    """The solution satisfies the limits on commands."""
     regulator = design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     horizon = horizon_of("torques")
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)

@@ -98,7 +98,7 @@ def test_recurrent_units_match_their_equations():
     layer = Gru(matrix_of(rng, 9, inputs), matrix_of(rng, 9, units), (0.1, -0.2, 0.3))
     network = Network((layer,), inputs)
     assert network.num_outputs == units
-    (W, b), (U, c) = arrays_of(layer.of_input), arrays_of(layer.of_memory)
+    (W, b), (U, c) = arrays_of(layer.input_matrix), arrays_of(layer.memory_matrix)
     memory, h = network.memory, np.array(layer.initial)
     for x in rng.normal(size=(6, inputs)):
         step = evaluate_network(network, x.tolist(), memory)

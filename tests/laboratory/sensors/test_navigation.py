@@ -33,7 +33,7 @@ def rotation(state):
     return scipy.spatial.transform.Rotation.from_euler("ZYX", [state.yaw, state.pitch, state.roll])
 
 
-def moving(seed):
+def random_state(seed):
     """Return a random state above the ground."""
     rows = np.random.default_rng(seed).uniform(-0.6, 0.6, 12)
     return State(*rows)._replace(z=1.5)
@@ -64,7 +64,7 @@ def test_the_magnetometer_yields_the_heading_for_any_tilt_and_declination():
     declination, inclination, north = -0.3, 1.1, 0.5 * np.pi
     parameters = parameters_of("magnetometer", declination=declination, inclination=inclination, strength=4.8e-5)
     for seed in range(5):
-        state = moving(seed)
+        state = random_state(seed)
         field = MAGNETOMETER.formula(parameters, None, state, None)
         levelled = rotation(state._replace(yaw=0.0)).apply(field)
         assert north - declination - np.arctan2(levelled[1], levelled[0]) == pytest.approx(state.yaw, abs=1e-12)
@@ -74,7 +74,7 @@ def test_the_magnetometer_yields_the_heading_for_any_tilt_and_declination():
 
 
 def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
-    """Readings lie on an ellipsoid around the hard-iron error. Motors add a vector times the sum of rotor torques."""
+    """Readings lie on an ellipsoid around the hard-iron error. The motors add an error in proportion to torque."""
     iron = [0.1, -0.05, 0.02, 0.03, -0.04, 0.06]
     hard = np.array([1e-5, -2e-5, 3e-5])
     parameters = parameters_of("magnetometer", soft_iron=iron, hard_iron=[*hard], motor_interference=[1e-4, 0.0, 2e-4])
@@ -84,7 +84,7 @@ def test_hard_iron_soft_iron_and_motors_change_the_magnetic_field():
     torque = load_scenario("hover").vehicle.drag_factor * sum(speed**2 for speed in speeds)
     for seed in range(5):
         disturbance = hard + torque * np.array([1e-4, 0.0, 2e-4])
-        field = np.array(MAGNETOMETER.formula(parameters, None, moving(seed), speeds)) - disturbance
+        field = np.array(MAGNETOMETER.formula(parameters, None, random_state(seed), speeds)) - disturbance
         assert np.linalg.norm(np.linalg.solve(matrix, field)) == pytest.approx(5e-5, rel=1e-12)
 
 
@@ -104,15 +104,15 @@ def test_multipath_jumps_at_random_and_is_constant_between_jumps():
     """The number of jumps is binomial with the probability 1 - exp(-h / T)."""
     parameters = parameters_of("gnss", multipath=[2.0, 2.0, 3.0], multipath_time=0.5, period=0.1)
     errors = series(GNSS, parameters, lambda k: (HOVER,), 101, 300, seed=1)[:, 0]
-    share, n = np.mean(np.diff(errors, axis=0) != 0.0), 100 * 300
+    fraction, n = np.mean(np.diff(errors, axis=0) != 0.0), 100 * 300
     probability = 1.0 - np.exp(-0.2)
-    assert share == pytest.approx(probability, abs=4.0 * np.sqrt(probability / n))
+    assert fraction == pytest.approx(probability, abs=4.0 * np.sqrt(probability / n))
     assert errors[-1].std() == pytest.approx(2.0, rel=0.2)
 
 
 def test_the_antenna_moves_with_the_vehicle():
     """The velocity of the antenna is the derivative of its position."""
-    state, lever = moving(3), np.array([0.1, -0.2, 0.3])
+    state, lever = random_state(3), np.array([0.1, -0.2, 0.3])
     parameters = parameters_of("gnss", position=[*lever])
     fix = GNSS.formula(parameters, None, GNSS.memory.start(parameters, None, state), state)
     np.testing.assert_allclose(fix[:3], np.array(state[:3]) + rotation(state).apply(lever), atol=1e-12)
@@ -180,17 +180,17 @@ def test_optical_flow_is_the_velocity_divided_by_the_height():
 
 
 def test_a_camera_on_a_lever_arm_measures_flow_if_the_vehicle_turns_in_place():
-    """A camera in front of the yaw axis moves sideways at the yaw rate times its distance, one on the axis does not."""
-    turning = HOVER._replace(r=0.8, yaw=2.0)
-    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning)
+    """A camera in front of the yaw axis moves sideways, at the yaw rate times its distance from the axis."""
+    turning_state = HOVER._replace(r=0.8, yaw=2.0)
+    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow", position=[0.3, 0.0, 0.0]), None, turning_state)
     np.testing.assert_allclose([x, y], [0.0, 0.3 * 0.8 / 1.5], atol=1e-12)
-    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, turning)
+    (x, y), _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, turning_state)
     assert (x, y) == (0.0, 0.0)
 
 
 def test_optical_flow_is_the_motion_of_a_point_of_the_ground_in_the_image():
     """The expected motion of the point of the ground on the axis of the camera is computed by finite differences."""
-    state, step = moving(7), 1e-6
+    state, step = random_state(7), 1e-6
     flow, _ = OPTICAL_FLOW.formula(parameters_of("optical_flow"), None, state)
     down = rotation(state).apply([0.0, 0.0, -1.0])
     distance = -1.5 / down[2]
@@ -205,7 +205,7 @@ def test_optical_flow_is_the_motion_of_a_point_of_the_ground_in_the_image():
 
 
 def test_ranges_to_four_anchors_yield_the_position_of_the_antenna():
-    state, lever = moving(9), np.array([0.05, 0.1, -0.02])
+    state, lever = random_state(9), np.array([0.05, 0.1, -0.02])
     anchors = np.array([[3.0, 0.0, 0.0], [0.0, 3.0, 0.5], [-3.0, -2.0, 2.0], [1.0, -1.0, 3.0]])
     readings = [
         UWB_RANGE.formula(parameters_of("uwb_range", anchor=[*anchor], position=[*lever]), None, state)
@@ -224,8 +224,8 @@ def test_outliers_of_a_range_sensor_are_too_long_and_have_the_given_probability(
     """The mean error of an outlier is √(2/π) times `outlier_size`. Other readings are exact."""
     parameters = parameters_of("uwb_range", outlier_rate=0.05, outlier_size=0.6)
     errors = series(UWB_RANGE, parameters, lambda k: (HOVER,), 20, 2000, seed=5) - 1.5
-    share, n = np.mean(errors > 0.0), errors.size
-    assert share == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 / n))
+    fraction, n = np.mean(errors > 0.0), errors.size
+    assert fraction == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 / n))
     assert errors.min() == 0.0
     assert errors[errors > 0.0].mean() == pytest.approx(0.6 * np.sqrt(2.0 / np.pi), rel=0.1)
     certain = parameters_of("uwb_range", outlier_rate=1.0, outlier_size=0.6)

@@ -63,28 +63,31 @@ def amplitudes(signal):
 
 @pytest.mark.parametrize(("bandwidth", "rate"), [(None, 400), (600.0, 400), (None, 2048)])
 def test_vibration_appears_at_the_aliased_harmonics_of_the_rotor_speed(bandwidth, rate):
-    """One rotor turns at 180 Hz. After sampling at 400 Hz, its second harmonic appears at 40 Hz, filtered as 360 Hz."""
+    """One rotor turns at 180 Hz. With 400 readings per second, its second harmonic at 360 Hz appears at 40 Hz.
+
+    The filter acts before the sampling, so it attenuates the second harmonic like a signal of 360 Hz.
+    """
     frequency = 180
     speed, gain = 2.0 * np.pi * frequency, {1: 1.0, 2: 1.0}
     settings = {"position": CENTRE} if bandwidth is None else {"position": CENTRE, "bandwidth": bandwidth}
     if bandwidth is not None:
         gain = {k: 1.0 / np.hypot(1.0, k * speed / bandwidth) for k in (1, 2)}
     measured = readings("accelerometer", lambda k: (0.0, speed, 0.0, 0.0), rate, period=1.0 / rate, **settings)
-    own, aliased = frequency, abs(2 * frequency - rate * round(2 * frequency / rate))
+    fundamental, aliased = frequency, abs(2 * frequency - rate * round(2 * frequency / rate))
     assert aliased == (40 if rate == 400 else 360)
     body = vehicle()
     force = 2e-6 * speed**2
     spectra = np.array([amplitudes(measured[:, axis]) for axis in range(3)])
     for axis in (0, 1):
-        assert spectra[axis, own] == pytest.approx(gain[1] * force / body.mass, rel=1e-9)
+        assert spectra[axis, fundamental] == pytest.approx(gain[1] * force / body.mass, rel=1e-9)
     thrust = 0.02 * body.thrust_factor * speed**2
     assert spectra[2, aliased] == pytest.approx(gain[2] * thrust / body.mass, rel=1e-9)
-    others = np.delete(spectra, [own, aliased], axis=1)
-    assert others.max() < 1e-9 * spectra.max()
+    other_amplitudes = np.delete(spectra, [fundamental, aliased], axis=1)
+    assert other_amplitudes.max() < 1e-9 * spectra.max()
 
 
 def test_the_amplitude_at_the_centre_of_mass_is_the_force_divided_by_the_mass():
-    """At the centre of mass, the acceleration by all rotors is Σ u_i Ω_i² / m in phase."""
+    """All rotors are in phase, so the acceleration of the centre of mass is Σ u_i Ω_i² / m."""
     speed, rate = 2.0 * np.pi * 90, 400
     vibration = {"unbalance": [1e-6, 0.0, 3e-6, 0.0]}
     measured = readings("accelerometer", lambda k: (speed,) * 4, rate, vibration, period=1.0 / rate, position=CENTRE)
@@ -98,8 +101,8 @@ def test_the_angular_acceleration_of_the_gyroscope_agrees_with_two_accelerometer
     period, speeds = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0)
     position = np.array([0.05, 0.03, -0.02])
     inner, outer = (
-        readings("accelerometer", lambda k: speeds, 401, period=period, position=[*map(float, place)])
-        for place in (CENTRE, CENTRE + position)
+        readings("accelerometer", lambda k: speeds, 401, period=period, position=[*map(float, sensor_position)])
+        for sensor_position in (CENTRE, CENTRE + position)
     )
     rates = readings("gyroscope", lambda k: speeds, 401, period=period)
     angular_acceleration = (rates[2:] - rates[:-2]) / (2.0 * period)
@@ -123,7 +126,7 @@ def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_ma
 
 @pytest.mark.parametrize("kind", LAWS)
 def test_the_filtered_vibration_agrees_with_a_filter_in_continuous_time(kind):
-    """`scipy.signal.lsim` filters a densely sampled vibration. The transient of the filter decays as exp(-8)."""
+    """`scipy.signal.lsim` filters a densely sampled vibration. The first 8 time constants, a transient, are ignored."""
     period, speeds, bandwidth = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0), 800.0
     unfiltered, filtered = (
         readings(kind, lambda k: speeds, 1200, period=period, **settings) for settings in ({}, {"bandwidth": bandwidth})

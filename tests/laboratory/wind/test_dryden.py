@@ -89,7 +89,7 @@ def test_a_long_flight_in_turbulence_has_the_given_standard_deviation(period, du
 
 
 def test_turbulence_is_along_and_across_the_heading_and_upwards():
-    """Each random input in turn is 1 and the others are 0 at the first sample. The second sample has other inputs."""
+    """At the first sample, a single random input is 1. The second sample has other inputs."""
     heading, period = 0.7, 0.01
     along, across, up = (
         [math.cos(heading), math.sin(heading), 0.0],
@@ -155,11 +155,11 @@ def test_length_scales_and_deviations_agree_with_the_specification():
     np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)
     # The values at 100 feet follow from 0.177 + 0.0823 = 0.2593, 100 / 0.2593^1.2 = 505.2 feet and 0.2593^-0.4 =
     # 1.7160.
-    middle = Turbulence.at_low_altitude(height=100.0 * FOOT, wind_at_20_feet=10.0, airspeed=20.0)
-    np.testing.assert_allclose(np.array(middle.length) / FOOT, [505.2, 505.2, 100.0], rtol=1e-4)
-    np.testing.assert_allclose(middle.deviation, [1.7160, 1.7160, 1.0], rtol=1e-4)
-    # The model is defined from a height of 10 feet on. For smaller heights, which the scenario language refuses, the
-    # function uses the values at 10 feet.
+    at_100_feet = Turbulence.at_low_altitude(height=100.0 * FOOT, wind_at_20_feet=10.0, airspeed=20.0)
+    np.testing.assert_allclose(np.array(at_100_feet.length) / FOOT, [505.2, 505.2, 100.0], rtol=1e-4)
+    np.testing.assert_allclose(at_100_feet.deviation, [1.7160, 1.7160, 1.0], rtol=1e-4)
+    # The model is defined for heights of at least 10 feet. For smaller heights, which the scenario language refuses,
+    # the function uses the values at 10 feet.
     for height in (0.5, 2.0):
         assert Turbulence.at_low_altitude(height=height, wind_at_20_feet=10.0, airspeed=0.0) == (
             Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=10.0, airspeed=1.0)

@@ -208,8 +208,8 @@ def test_a_user_defined_wind_is_added_to_the_scenario_wind_in_single_flights_and
     wind = flight.record("wind")
     np.testing.assert_allclose(wind.x[5:], 1.0, atol=1e-12)
     assert wind.y[5:].max() > 0.5
-    own = UserSystems(wind=lambda num_vehicles: UserJets([jet], num_vehicles))
-    fleet = StudyFleet(scenario, plan_route(scenario), 2, user_systems=own)
+    user_systems = UserSystems(wind=lambda num_vehicles: UserJets([jet], num_vehicles))
+    fleet = StudyFleet(scenario, plan_route(scenario), 2, user_systems=user_systems)
     # The second flight reuses the context of the first.
     for _ in range(2):
         assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)

@@ -36,7 +36,7 @@ void loop()
         next_step_us = micros() + period_us;
     }
     if (!read_inputs(&inputs)) {
-        /* The motors are off, and the controller starts anew at the next flight. */
+        /* Stop the motors. The controller is reset when the next flight begins. */
         stop_motors();
         flying = false;
         return;

@@ -1,5 +1,5 @@
 /*
- * Controller of the scenario @SCENARIO@ as an out-of-tree controller of the Crazyflie's firmware.
+ * Controller of the scenario @SCENARIO@ as an out-of-tree controller for the Crazyflie firmware.
  *
  * The firmware measures angles in degrees, and this file converts them. The attitude is taken from the quaternion, since
  * the pitch angle of the firmware has the opposite sign. The firmware's world frame has Z up, and its body frame has x
@@ -27,7 +27,7 @@ static @NAME@_outputs_t outputs;
 static stabilizerStep_t first_step;
 static bool flying;
 
-/* The firmware expects a task of the app, which has nothing to do. */
+/* The firmware requires a task for the app. This task does nothing. */
 void appMain(void)
 {
     for (;;)
@@ -119,7 +119,7 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
 {
     control->controlMode = controlModeForceTorque;
     if (setpoint->mode.z == modeDisable) {
-        /* The motors are off, and the controller starts anew at the next flight. */
+        /* The motors are off, and the controller is reset for the next flight. */
         @NAME@_init(&controller_state);
         flying = false;
         control->thrustSi = 0.0f;

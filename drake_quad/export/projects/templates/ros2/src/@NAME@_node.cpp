@@ -37,7 +37,7 @@ public:
         /* Age at which the odometry is too old to fly with, s. */
         max_age_ = declare_parameter("max_age", 0.2);
 #if @COMMANDS_ATTITUDE@
-        /* Weight of the vehicle in N, and the normalised thrust with which the autopilot carries it. */
+        /* Weight of the vehicle in N, and the normalised thrust at which it hovers. */
         weight_ = declare_parameter("weight", @WEIGHT@);
         hover_thrust_ = declare_parameter("hover_thrust", 0.5);
 #endif
@@ -124,7 +124,7 @@ private:
     void step()
     {
         if (!measured_ || (now() - measured_at_).seconds() > max_age_) {
-            /* No command is published, and the controller starts anew when odometry arrives again. */
+            /* Publish no command, and reset the controller. It starts again when odometry arrives. */
             @NAME@_init(&controller_);
             measured_ = false;
             return;

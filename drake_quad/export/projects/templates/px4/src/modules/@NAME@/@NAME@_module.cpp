@@ -136,7 +136,7 @@ void @CLASS@::Run()
 	}
 
 	if (!_engaged) {
-		/* The controller starts anew whenever it is engaged. */
+		/* The controller is reset whenever it is engaged. */
 		@NAME@_init(&_controller);
 
 		if (param_get(param_find("MPC_THR_HOVER"), &_hover_thrust) != 0) {

@@ -13,8 +13,8 @@ from drake_quad.space.space import Space
 
 # Largest number of points and smallest spacing (m) of the grids on which routes are searched.
 _GRIDS = ((500_000, 0.05), (3_000_000, 0.02))
-# All sets of up to this number of obstacles are tried. If the removal of such a set never opens a route, the
-# explanation names one larger set, from which no obstacle can be omitted.
+# The removal of each set of up to this number of obstacles is tried. If none of these removals opens a route, the
+# explanation names one larger set, all of whose obstacles must be removed.
 _MAX_SET_SIZE = 2
 
 
@@ -37,8 +37,8 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         search = _Search(Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
-            # Even if each leg has a route, it can happen that no route of a leg starts where the preceding leg can end.
-            # Therefore the route from waypoint 0 is also checked.
+            # Each leg by itself may have a route although the legs cannot be joined, because they pass through
+            # different parts of a waypoint's region. Therefore, the route from waypoint 0 is also checked.
             for first in dict.fromkeys((last - 1, 0)):
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
@@ -49,11 +49,11 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
 
 
 class _BlockingSets(NamedTuple):
-    """Sets of obstacles. Each set alone blocks all routes.
+    """Sets of obstacles. The removal of any one of these sets opens a route on a grid.
 
     Attributes:
-        sets: indices of the obstacles in each set. If they are removed, there is a route on a grid.
-        is_sure: True if the routes that open when a set is removed are also free between the grid points.
+        sets: indices of the obstacles in each set.
+        is_sure: True if the opened routes are free not only at the grid points, but also between them.
     """
 
     sets: list[tuple[int, ...]]
@@ -114,9 +114,9 @@ def _sentence(space: Space, problem: PathProblem, first: int, last: int, blockin
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
     """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is none.
 
-    Sets whose removal certainly opens a route are preferred. A route is certain if the distances of its points from the
-    remaining obstacles exceed the clearance by half a cell diagonal: the lines between neighbouring points are then
-    free.
+    Sets whose removal certainly opens a route are preferred. A route is certain if its grid points are farther from the
+    remaining obstacles than the clearance plus half a cell diagonal, because the lines between neighbouring points are
+    then free, too.
     """
     max_points, min_spacing = _GRIDS[0]
     grid = Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)

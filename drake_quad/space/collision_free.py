@@ -1,4 +1,4 @@
-"""Planning around obstacles, by conversion to a problem with corridors that the minimum-snap planner can solve."""
+"""Planning around obstacles: a search for free corridors, within which the minimum-snap planner plans the path."""
 
 import contextlib
 import functools
@@ -22,7 +22,7 @@ from drake_quad.reference.planner import (
 )
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.regions import Box, Corridor, Sphere, WaypointRegion, intersection_of, overlap
-from drake_quad.space.blocked import explain_blockage
+from drake_quad.space.blockage import explain_blockage
 from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.passage import Passage, candidate_regions, find_passage, other_passages, region_chain
 from drake_quad.space.regions import SLACK, Regions
@@ -36,7 +36,7 @@ _POINTS_PER_AXIS = 21
 # Largest number of pieces that are considered if obstacles divide a waypoint's region. Pieces near the middle of the
 # region come first.
 _MAX_PIECES = 4
-# Number of random draws of alternatives to the shortest passage.
+# Number of random draws, each of which yields an alternative to the shortest passage.
 _NUM_OTHER_PASSAGES = 12
 # Largest number of routes whose times are optimised. One optimisation takes almost a second.
 _MAX_OPTIMISED_ROUTES = 3
@@ -149,7 +149,11 @@ def _paths_and_costs(
 
 
 def _timing_for(route: CollisionFreeRoute, timing: Timing) -> Timing:
-    """Return the timing for a route. Additional waypoints get times in proportion to the length of the polyline."""
+    """Return the timing for a route with additional waypoints.
+
+    If the times of the original waypoints are fixed, the times of additional waypoints are interpolated linearly along
+    the polyline through all waypoints.
+    """
     if not isinstance(timing, FixedTimes):
         return timing
     steps = np.linalg.norm(np.diff(route.problem.representatives(), axis=0), axis=1)
@@ -193,7 +197,8 @@ def _routes(
     routes = _routes_through(space, bounds, problem, grid, free_points)
     if routes:
         return routes
-    # If an obstacle divides a waypoint's region, one leg can end in one piece and the next leg can start in another.
+    # If an obstacle divides a waypoint's region, one leg may end in one piece of the region while the next leg starts
+    # in another piece. The legs are therefore searched again with only one piece for each waypoint.
     pieces = [_split_into_pieces(space, points) for points in free_points]
     nearest_pieces = _pieces_on_shortest_route(space, problem, grid, pieces) if max(map(len, pieces)) > 1 else None
     return [] if nearest_pieces is None else _routes_through(space, bounds, problem, grid, nearest_pieces, divided=True)
@@ -219,7 +224,7 @@ def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
 def _pieces_on_shortest_route(
     space: Space, problem: PathProblem, grid: Grid, pieces: Sequence[Sequence[np.ndarray]]
 ) -> list[np.ndarray] | None:
-    """Return, for each waypoint, the piece that the shortest route on the grid passes; None if there is no route.
+    """Return the piece of each waypoint through which the shortest route on the grid leads; None if there is no route.
 
     Args:
         space: obstacles.
@@ -259,8 +264,8 @@ def _routes_through(
         problem: problem with the waypoints.
         grid: grid of free points of the space.
         free_points: free points (k, 3) of each waypoint, m.
-        divided: True if `free_points` contains only one of the pieces into which an obstacle divides a waypoint's free
-            points. Each leg must then start and end in convex regions that contain points of this piece.
+        divided: True if an obstacle divides the free points of a waypoint, and `free_points` contains only one piece of
+            them. Each leg must then start and end in convex regions that contain points of this piece.
     """
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance
