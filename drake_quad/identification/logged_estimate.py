@@ -4,9 +4,9 @@ The log contains measurements of inertial sensors, and position and attitude fro
 truth. The filter uses the initial yaw, every n-th position, and optionally the attitude at the time of this position.
 If the log also contains an on-board estimate, the errors of both estimates can be compared.
 
-Signals that are received over a radio link lag behind motion capture. The lag of the inertial sensors minimises the
-mean squared difference between the gyroscope and the body rates from motion capture. This lag is removed before the
-filter runs. The lag of an on-board estimate minimises its position error, so the comparison favours this estimate.
+Signals that are received over a radio link lag behind motion capture. The lag of the inertial sensors is that of the
+gyroscope behind the body rates from motion capture. This lag is removed before the filter runs. The lag of an on-board
+estimate minimises its position error, so the comparison favours this estimate.
 """
 
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from drake_quad.estimation.corrections import AttitudeAiding, PoseAiding, Positi
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
 from drake_quad.logs.attitudes import rotation_matrices
+from drake_quad.logs.consistency import clock_shifts
 from drake_quad.logs.record import FlightRecord
 from drake_quad.signals import EstimateDeviation
 
@@ -38,7 +39,7 @@ _RESET_TIME = 0.1  # s; if positions are rejected for this duration, the estimat
 # Initially, the position is unknown, the vehicle is at rest, and its yaw is known.
 _INITIAL_DEVIATION = EstimateDeviation(*[10.0] * 3, *[0.1] * 3, *[0.05] * 3, *[0.01] * 3, *[0.2] * 3)
 _MIN_HEIGHT = 0.1  # m, height above the start at which the vehicle counts as flying
-_MAX_LAG = 0.1  # s, largest lag that is tried
+_MAX_LAG = 0.1  # s, largest lag of an on-board estimate that is tried
 _LAG_STEP = 0.002  # s, difference between two lags that are tried
 _MIN_SAMPLES = 100
 _REQUIRED_SIGNALS = "position", "attitude", "body_rates", "specific_force"
@@ -136,7 +137,7 @@ def estimate_logged_flight(
     table = _resampled(record, np.arange(record.time[0], record.time[-1], period))
     if len(table.time) < _MIN_SAMPLES:
         raise InputError(f"the log {record.name} has {len(table.time)} samples; an estimate needs {_MIN_SAMPLES}")
-    lag, samples = _gyroscope_lag(table, period), num_skipped + 1
+    lag, samples = _gyroscope_lag(record), num_skipped + 1
     aiding: Any = PositionAiding(position_noise, position_noise, position_noise)
     aiding_readings, kind = table.position, "position"
     if attitude_noise is not None:
@@ -237,13 +238,10 @@ def _resampled(record: FlightRecord, time: np.ndarray) -> _Table:
     return _Table(time, position, _interpolated(time, record.time, velocity), attitude, body_rates, force)
 
 
-def _gyroscope_lag(table: _Table, period: float) -> float:
-    """Return the lag, s, of the gyroscope behind the body rates that follow from the attitude of motion capture."""
-    rotations = rotation_matrices(table.attitude)
-    rates = (rotations[:-2].inv() * rotations[2:]).as_rotvec() / (2.0 * period)
-    lags, times = np.arange(-_MAX_LAG, _MAX_LAG, _LAG_STEP), table.time[1:-1]
-    errors = [np.square(rates - _interpolated(times + lag, table.time, table.body_rates)).mean() for lag in lags]
-    return float(lags[int(np.argmin(errors))])
+def _gyroscope_lag(record: FlightRecord) -> float:
+    """Return the median lag (s) of the gyroscope behind motion capture; 0 if it cannot be determined."""
+    lags = clock_shifts(dict(record.signals()), record.time)
+    return float(np.median(lags)) if len(lags) else 0.0
 
 
 def _interpolated(times: np.ndarray, clock: np.ndarray, values: np.ndarray | None) -> np.ndarray:

@@ -101,9 +101,10 @@ class ExecutorPool(WorkerPool):
         self._pending[self._executor.submit(run_task, function, argument)] = argument
 
     def next_outcomes(self) -> list[Outcome]:
-        """Wait for outcomes, as `WorkerPool.next_outcomes` does."""
+        """Wait for outcomes, as `WorkerPool.next_outcomes` does, and return them in the order of submission."""
         done, _ = wait(self._pending, return_when=FIRST_COMPLETED)
-        return [self._outcome(future, self._pending.pop(future)) for future in done]
+        in_order = [future for future in self._pending if future in done]
+        return [self._outcome(future, self._pending.pop(future)) for future in in_order]
 
     @staticmethod
     def _outcome(future: Future[Outcome], argument: Any) -> Outcome:

@@ -202,6 +202,14 @@ def test_abandoned_tasks_of_an_executor_are_cancelled():
     assert done == [1, 3]
 
 
+def test_tasks_that_are_done_at_the_same_time_have_outcomes_in_the_order_of_submission():
+    with ThreadPoolExecutor(1) as executor:
+        pool = ExecutorPool(executor, 16)
+        for argument in range(32):
+            pool.submit(abs, argument)
+    assert [outcome.argument for outcome in pool.next_outcomes()] == [*range(32)]
+
+
 @pytest.mark.long
 def test_abandoned_tasks_have_no_outcome():
     """A study that ends early leaves no outcomes for the next study with the same processes."""
