@@ -33,7 +33,7 @@ _LONG_FILES = (
     "test_cluster",
     "test_scripts",
     "test_around_obstacles",
-    "test_logs_consistency",
+    "test_consistency",
     "test_monte_carlo",
     "test_flight_oracle",
     "test_prediction",

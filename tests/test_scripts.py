@@ -114,7 +114,7 @@ def test_a_loop_built_block_by_block_flies_like_the_equivalent_scenario(run_scri
     assert (tmp_path / "out" / "path.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_designed_pd_has_the_requested_damping_and_flies_like_its_linear_model(run_script):
     text, variables = run_script("design_pd_gains.py")
     k_p, k_d = numbers("attitude: k_p # 1/s², k_d # 1/s", text)

@@ -8,7 +8,7 @@ from drake_quad.flight.simulation import simulate_batch
 from drake_quad.scenario.batch import Batch
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_of_the_measured_height_does_not_shift_a_leaning_vehicle_sideways(diagrams):
     """The noise changes the thrust of a vehicle that is tilted by 30°.
 

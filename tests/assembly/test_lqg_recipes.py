@@ -181,6 +181,7 @@ def test_the_preview_contains_the_reference_of_each_tick_and_the_snap_of_the_pre
     assert np.abs(snaps[0]).max() > 1.0
 
 
+@pytest.mark.slow
 def test_a_corridor_tube_moves_with_the_reference_and_a_room_stays_fixed(scenario_with_mpc):
     def corridor_of(**corridor):
         return programme_of(scenario_with_mpc(corridor=corridor))[0].structure["corridor"]

@@ -280,6 +280,7 @@ def test_signals_of_a_network_are_exported(asymmetric):
     assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 
+@pytest.mark.slow
 def test_the_rotor_command_has_the_delays_of_the_camera_frame_and_of_the_command_link(figure_eight):
     """A control tick reads a camera frame that is 10 ms old, and the command link delays the command."""
     for ticks in (0, 1, 2):

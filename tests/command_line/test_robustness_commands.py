@@ -42,7 +42,7 @@ def test_falsify_prints_the_worst_case_beside_the_nominal_one(run, tmp_path):
     assert load_scenario(tmp_path / "worst.yaml").vehicle.mass != 0.68
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
     result = run("sobol", *HOVER, "--points", "16", "--metric", "rmse_z", "--output", tmp_path)
     assert result.returncode == 0

@@ -33,6 +33,7 @@ def test_the_response_to_feed_forward_has_a_separate_lag():
     assert (speed, distance) == pytest.approx((one.speed + other.speed, one.distance + other.distance))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deviation", "time_constant", "noise"), [(0.3, 0.5, 1e-3), (1.7, 60.0, 0.02), (0.01, 2.0, 0.1)]
 )

@@ -180,6 +180,7 @@ def test_the_integral_is_subtracted_from_the_torque():
     np.testing.assert_allclose(torque, without - INERTIA * integral, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
     """The body tilts under a PD until the torque balances the offset. An integral makes the body level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"

@@ -569,7 +569,10 @@ def delayed_integrator(ticks):
     return replace(plant, A=A, B=B, C=C, states=tuple(map(str, range(n))))
 
 
-@pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
+@pytest.mark.parametrize(
+    ("ticks", "frequency"),
+    [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), pytest.param(120, 0.003, marks=pytest.mark.long)],
+)
 def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeypatch, ticks, frequency):
     """The longer the delay, the lower the bandwidth of the gains from which the search starts."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
@@ -644,7 +647,7 @@ def pid_design():
     return designed_pid("forward_euler")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
 def test_poles_of_loops_with_a_designed_pid_are_poles_of_the_whole_diagram(integration, pid_design):
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)

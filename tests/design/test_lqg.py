@@ -81,7 +81,7 @@ def loop_transfer(loop, actual_plant, timing):
     return SampledSystem(*matrices, timing.tick, names, ("u",), ("loop",))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("overrides", "plant"), [(NO_DRAG, (0, 1)), (NO_DRAG_BUT_DELAYS, (1, 2))])
 def test_the_loop_of_an_axis_equals_the_loop_of_the_whole_diagram(shipped, overrides, plant):
     scenario = shipped(*overrides)
@@ -96,6 +96,7 @@ def test_the_loop_of_an_axis_equals_the_loop_of_the_whole_diagram(shipped, overr
         np.testing.assert_allclose(response, expected, rtol=2e-2)
 
 
+@pytest.mark.slow
 def test_the_prediction_for_a_plant_does_not_depend_on_the_other_plants(shipped):
     """The plant with the longest delay sets the size of the matrices. An unstable plant does not affect the others."""
     conditions = Conditions(DisturbanceStatistics(0.2, 0.3, 0.5), NO_DISTURBANCE, 2.0, 1e-3, 4e-3, 0.03)
@@ -125,7 +126,7 @@ def test_stationary_covariances_match_an_independent_solver():
         np.testing.assert_allclose(covariance, scipy.linalg.solve_discrete_lyapunov(A[j], Q[i, j]), rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("overrides", "plant", "loss"), [(NO_DRAG, (0, 1), 0.01), (NO_DRAG_BUT_DELAYS, (1, 2), 0.05)])
 def test_the_predicted_error_matches_flights_in_hover(shipped, overrides, plant, loss):
     """The flights have only noise and lost commands. 64 flights of 10 s determine the error to a few per cent."""
@@ -249,7 +250,7 @@ def test_a_design_satisfies_its_limits_with_a_state_estimator_in_the_loop():
     assert min(each.delay for each in margins) >= limits.delay
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
     """Limits increase the error, so the best design reaches the limits on the sensitivity peak and on the snap."""
     scenario, conditions = low_wind

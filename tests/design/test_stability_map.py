@@ -59,6 +59,7 @@ def test_a_position_loop_without_k_p_is_not_stable(scenario):
     assert not gain_map.stable.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):

@@ -64,7 +64,7 @@ def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laborator
     assert result.min_margin_ratio == pytest.approx(0.25 / result.values[0])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_smallest_margin_ratio_is_that_of_the_worst_loop(laboratory, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     margins_by_signal = link_margins(scenario)
@@ -76,6 +76,7 @@ def test_the_smallest_margin_ratio_is_that_of_the_worst_loop(laboratory, diagram
     assert LoopLimit().margin_ratios(stiff).max() == 0.0
 
 
+@pytest.mark.slow
 def test_limits_apply_to_the_medians_of_distributions():
     scenario = load_scenario("robustness", layers=["controllers/designed/robustness:pid"])
     ratios = LoopLimit().margin_ratios(scenario)

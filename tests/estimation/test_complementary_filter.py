@@ -42,6 +42,7 @@ def test_a_small_tilt_error_decays_with_its_time_constant():
     assert yaw == pytest.approx(0.3, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_bias_of_the_gyroscope_is_estimated_except_about_the_vertical():
     system, context = run(AT_REST, (), (), {**LEVEL_READINGS, "gyroscope": [0.02, -0.03, 0.01]}, 60.0)
     bias = system.get_state(context, "estimate").gyroscope_bias

@@ -269,6 +269,7 @@ def test_the_filter_agrees_with_dense_matrices(kind, lever):
     np.testing.assert_allclose(normalised @ normalised, squared_innovation, rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("latencies", [(2, 0), (1, 1), (0, 1)], ids=str)
 def test_latencies_only_delay_the_estimate_at_the_horizon(latencies):
     """Readings of two sensors arrive out of order, but the filter uses them in the order in which they were taken.
@@ -411,6 +412,7 @@ def test_the_mean_squared_error_is_the_number_of_states(name):
     assert abs(squared_errors[-1].mean() - 15.0) < 0.02 * 15.0
 
 
+@pytest.mark.slow
 def test_yaw_is_not_observable_in_hover_without_a_measurement_of_the_direction():
     motion = hover(8.0)
     position, yaw = Aiding("position", "position", 4), Aiding("yaw", "yaw", 10)
@@ -477,6 +479,7 @@ def test_a_missing_reading_corrects_nothing():
     assert np.all(np.array(system.get_state(context, "estimate").position) > 0.9)
 
 
+@pytest.mark.slow
 def test_the_filter_starts_with_the_direction_of_gravity_and_the_first_reading():
     """The first reading is used although it is a hundred standard deviations away."""
     aiding = Aiding("position", "position"), Aiding("yaw", "yaw")
@@ -515,6 +518,7 @@ def test_the_covariance_stays_positive_definite_with_precise_measurements():
     assert min(smallest) > 0.0
 
 
+@pytest.mark.long
 def test_the_filter_obeys_the_rules_of_systems():
     aiding = Aiding("position", "position", 2, can_miss=True), Aiding("flow", "flow", 4)
     applied = check_system(lambda num: make_filter(*aiding, num_vehicles=num, block_samples=2, limit=25.0))

@@ -41,6 +41,7 @@ def in_window(flight):
     return flight["state"][window].T, flight["reference"][window].T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 def test_reductions_over_time_agree_with_numpy(compiled):
     metrics = {rule: {"kind": rule, "of": "state.v_y"} for rule in NUMPY_REDUCTIONS}
@@ -52,6 +53,7 @@ def test_reductions_over_time_agree_with_numpy(compiled):
     assert flight.metrics.definitions["integral"].unit == "m/s s"
 
 
+@pytest.mark.slow
 def test_derived_signals_agree_with_their_definitions():
     names = ("position_error", "yaw_error", "speed", "airspeed", "body_rate", "tilt")
     metrics = {name: {"kind": "last", "of": name} for name in names}
@@ -214,6 +216,7 @@ def test_the_mean_of_a_fraction_is_a_fraction_but_the_integral_of_a_fraction_is_
         del DERIVED_SIGNALS["darkness"]
 
 
+@pytest.mark.slow
 def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
     @metric("1", over_time="mean", value_range="fraction")
     def fraction_outside(state, reference):
@@ -234,6 +237,7 @@ def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
     assert math.isnan(compare(metrics, metrics, "drift").ratio.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("value_range", "limits"), [("nonnegative", "not negative"), ("fraction", "between 0 and 1")])
 def test_a_metric_outside_its_stated_range_is_refused(value_range, limits):
     @metric("1", over_time="last", value_range=value_range)
@@ -335,6 +339,7 @@ REQUIREMENTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 def test_requirements_concern_the_whole_flight_and_not_the_metric_window(compiled):
     scenario = load_scenario("laboratory:low_wind", [{**additional(), "requirements": REQUIREMENTS}])
@@ -354,6 +359,7 @@ def test_requirements_concern_the_whole_flight_and_not_the_metric_window(compile
         assert getattr(flight.metrics, name) == pytest.approx(value, abs=1e-8), name
 
 
+@pytest.mark.slow
 def test_a_flight_that_crashes_satisfies_no_requirement():
     requirement = {"near": {"always": {"signal": "position_error", "below": 0.3}}}
     crash = {"position_error": 0.1}
@@ -408,6 +414,7 @@ def test_a_requirement_with_the_name_of_a_metric_is_refused():
         load_scenario("hover", [{**additional(level={"kind": "max", "of": "tilt"}), "requirements": requirement}])
 
 
+@pytest.mark.slow
 def test_a_comparison_prefers_the_larger_value_if_larger_is_better():
     scenario = load_scenario("laboratory:low_wind", [additional(tube={"kind": "time_in_tube", "radius": 0.05})])
     metrics = fly_samples(scenario, range(6))

@@ -166,6 +166,7 @@ def test_the_flight_of_a_sample_does_not_depend_on_the_other_vehicles_of_the_fle
         np.testing.assert_allclose(position, alone, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
     """The first vehicle has the wind and noise of the scenario's sample; the others follow in order of the samples."""
     scenario = load_scenario(diagrams / "outdoor.yaml", ["duration=1", "sample=3"])
@@ -215,6 +216,7 @@ def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams
     assert np.abs(noise[0]).min() > 1e-6
 
 
+@pytest.mark.slow
 def test_turbulence_does_not_depend_on_other_wind_sources(diagrams):
     winds = []
     for sources in (f"[{DRYDEN_WIND}]", f"[{GUST_WIND}, {DRYDEN_WIND}]"):
@@ -231,6 +233,7 @@ def test_a_saved_sample_repeats_its_flight(imperfect, tmp_path):
     np.testing.assert_array_equal(again["state"], flight["state"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [

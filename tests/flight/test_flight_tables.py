@@ -38,6 +38,7 @@ def test_a_flight_is_a_mapping_of_its_signals(flight):
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(flight))["state"], flight["state"])
 
 
+@pytest.mark.slow
 def test_a_data_frame_has_a_row_for_each_tick_and_a_column_for_each_component_of_a_signal(flight):
     frame = flight.to_frame()
     assert frame.index.name == "time"

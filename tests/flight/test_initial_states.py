@@ -57,6 +57,7 @@ def test_a_vehicle_with_a_continuous_state_begins_in_the_given_initial_state():
     assert simulate(scenario)["state"][0] == pytest.approx(stepping["state"][0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_initial_states_are_drawn_for_each_sample_of_a_study():
     initial = {
         "velocity": [{"uniform": {"min": -1.0, "max": 1.0}}, 0.0, 0.0],
@@ -73,6 +74,7 @@ def test_initial_states_are_drawn_for_each_sample_of_a_study():
     assert len(np.unique(study.parameters["initial.velocity.0"])) == 6
 
 
+@pytest.mark.slow
 def test_a_vehicle_with_an_identified_attitude_response_has_its_initial_body_rates():
     scenario = load_scenario(
         "neural_fly:still", [{"initial": {"attitude": [0.3, 0.2, 0.1], "body_rates": [1.0, 2.0, 3.0]}}]

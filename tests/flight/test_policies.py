@@ -191,6 +191,7 @@ def test_raptor_flies_as_in_the_simulator_in_which_it_was_trained(root):
     assert np.linalg.norm(actual[-1, :3]) < 0.1 < np.linalg.norm(actual[0, :3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "layers", "max_rmse"),
     [

@@ -25,6 +25,7 @@ def record(flight, tmp_path_factory):
     return read_log(save_px4_table(flight, tmp_path_factory.mktemp("px4") / "flight.csv"))
 
 
+@pytest.mark.slow
 def test_signals_of_a_px4_table_are_read_back_unchanged(flight, record):
     measured, reference = flight["measurement"], flight["reference"]
     np.testing.assert_allclose(record.time, flight.time, rtol=0.0, atol=1e-12)
@@ -69,6 +70,7 @@ def test_column_names_and_axes_follow_px4(flight):
     np.testing.assert_allclose(rpm, flight.record("rotor_speed").rotor_3, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_throttles_are_written_if_the_motors_take_throttle_commands(diagrams, flight, tmp_path):
     assert not any(name.startswith("actuator_motors") for name in px4_columns(flight))
     flight_with_throttles = simulate(

@@ -11,6 +11,7 @@ from drake_quad.gym import Layer, QuadrotorVectorEnv, save_policy, torch_layers
 from drake_quad.gym.saving import evaluate_layers
 
 
+@pytest.mark.slow
 def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
     """A linear policy flies in the environment and as the controller of a scenario."""
     envs = QuadrotorVectorEnv("figure_eight", {"duration": 3.0}, num_envs=1)
@@ -56,6 +57,7 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
     assert over.control.action.min_rotor_speed is None
 
 
+@pytest.mark.slow
 def test_a_saved_controller_is_named_after_its_file(tmp_path):
     """`drake-quad compare` prints this name."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})

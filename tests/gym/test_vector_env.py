@@ -261,6 +261,7 @@ def test_a_flight_that_terminates_in_its_last_tick_is_not_truncated(mode):
     assert truncations.tolist() == [True, False, True]
 
 
+@pytest.mark.slow
 def test_an_environment_keeps_attitude_control_and_the_limits_of_thrust_vectoring():
     tilted = {"control.thrust_vectoring.max_tilt": 0.3, "control.attitude.k_p": [5.0, 6.0, 7.0]}
     scenario = load_scenario("figure_eight", tilted)
@@ -279,6 +280,7 @@ def test_environments_pass_the_checks_of_gymnasium():
     check_environments_match(*(QuadrotorEnv(action=action) for action in ("rates", "rates")), 40)
 
 
+@pytest.mark.slow
 def test_environments_are_registered_and_wrapped():
     env = gymnasium.make("drake_quad/Track-v0", scenario="hover", action="attitude")
     assert isinstance(env.unwrapped, QuadrotorEnv)
@@ -330,6 +332,7 @@ def test_the_observation_and_action_spaces_match_the_scenario():
     assert QuadrotorVectorEnv(raptor).single_observation_space.shape == (22,)
 
 
+@pytest.mark.slow
 def test_reward_and_termination_can_be_user_defined_functions():
     def is_far(step):
         return step.position_error > 0.5
@@ -354,6 +357,7 @@ def test_reward_and_termination_can_be_user_defined_functions():
     assert (np.array(distances) > 0.5).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wind", "rotor_speed", "measurement"])
 def test_transitions_contain_the_requested_signals(name):
     transitions = []
@@ -407,6 +411,7 @@ def test_a_reset_clears_the_list_of_ended_episodes(mask):
     assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else initial[i] + 1 for i in range(3)]
 
 
+@pytest.mark.slow
 def test_the_last_action_before_the_first_step_is_the_hover_action():
     """The thrust in hover is the weight, and actions range from 0.5 to 1.75 times the weight."""
     transitions = []
@@ -419,6 +424,7 @@ def test_the_last_action_before_the_first_step_is_the_hover_action():
     np.testing.assert_allclose(transitions, [[[-0.2, 0.0, 0.0, 0.0]] * 2, [[0.1] * 4, [-0.2, 0.0, 0.0, 0.0]]])
 
 
+@pytest.mark.slow
 def test_the_tracking_reward_follows_its_formula():
     reward = TrackingReward(tracking=2.0, length=0.5, effort=0.1, variation=0.2, crash=7.0, obstacle=3.0)
     transitions = []

@@ -128,6 +128,7 @@ def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
     np.testing.assert_allclose(low, 0.9 * full)
 
 
+@pytest.mark.slow
 def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_divided_by_the_thrust_curve_voltage(scenario):
     """The average of a ramp is the ramp itself. Averaging divides the variance of noise by the number of samples."""
     random = np.random.default_rng(0)

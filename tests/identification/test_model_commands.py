@@ -51,6 +51,7 @@ def responding(root):
     )
 
 
+@pytest.mark.slow
 def test_thrust_and_torque_are_allocated_as_by_the_firmware(flight, record):
     """The link delays commands by two ticks. The parameters of the identified vehicle do not change the allocation."""
     wrench_alone = replace(record, rotor_speed_command=None)

@@ -205,6 +205,7 @@ def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, log_o
     np.testing.assert_array_equal(flights_to_compare(turning)["flown"]["rotor_speed"], speeds)
 
 
+@pytest.mark.slow
 def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, log_of_flight):
     """One predicted vehicle crashes during the log, and another before the log begins."""
     for crash, expected in ((0.05, ["flown", "predicted"]), (1e-9, ["flown"])):

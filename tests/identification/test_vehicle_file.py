@@ -337,6 +337,7 @@ def loop(written, diagrams):
     return path
 
 
+@pytest.mark.slow
 def test_the_vehicle_flies_in_a_laboratory(loop):
     scenario = load_scenario(loop)
     assert scenario.vehicle.linear_drag == 0.0

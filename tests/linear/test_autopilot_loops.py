@@ -73,6 +73,7 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_matches_finite_differences(onb
     assert "laboratory.command_link.attitude_target.roll" in system.states
 
 
+@pytest.mark.slow
 def test_the_plant_on_board_is_a_double_integrator_in_series_with_the_rotor_lag(onboard):
     """The expected response includes a zero-order hold over a period of the autopilot, and no delay."""
     h, lag = 0.0025, 0.05

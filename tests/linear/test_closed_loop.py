@@ -145,6 +145,7 @@ def test_the_plant_of_the_actual_vehicle_contains_its_mass_but_not_its_asymmetry
     assert gains[0] / gains[1] == pytest.approx(np.hypot(0.85, 0.2) / np.hypot(0.68, 0.2), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_missing_equilibrium_is_reported(laboratory):
     strong_wind = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
     with pytest.raises(InputError, match="has no equilibrium near hover: .* still changes by"):
@@ -323,6 +324,7 @@ def stub_linearize(monkeypatch, changes, **entries):
     return calls
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -366,6 +368,7 @@ def test_the_period_of_a_loop_is_the_least_common_multiple_of_its_periods(name, 
     assert common_period(load_scenario(name)) == pytest.approx(period, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["unstable", "none"])
 def test_an_equilibrium_is_also_sought_from_a_flight_if_no_stable_one_is_found(laboratory, monkeypatch, first):
     scenario = laboratory()

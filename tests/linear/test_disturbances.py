@@ -96,6 +96,7 @@ def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetri
     )
 
 
+@pytest.mark.slow
 def test_sampled_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):
     """The flight records the same turbulence one step later."""
     turbulence = "laboratory.wind=[{kind: dryden, level: light, height: 4.0, heading: 0.7}]"

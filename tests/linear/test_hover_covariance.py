@@ -60,6 +60,7 @@ def test_position_errors_in_small_noise_match_the_linear_model(diagrams, name, l
     assert linear.rms == pytest.approx(np.sqrt(np.sum(linear.offset**2 + linear.deviation**2)))
 
 
+@pytest.mark.slow
 def test_variances_due_to_independent_noise_sources_add_up(diagrams):
     def error(wind, noise):
         noiseless = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
@@ -80,6 +81,7 @@ def test_the_linear_prediction_ignores_lost_packets_and_frames():
     np.testing.assert_array_equal(linear_hover_error(load_scenario("laboratory:nominal", lossy)), error)
 
 
+@pytest.mark.slow
 def test_an_unstable_loop_is_refused():
     with pytest.raises(InputError, match="unstable in hover"):
         linear_hover_error(load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"]))

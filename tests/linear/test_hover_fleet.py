@@ -17,6 +17,7 @@ def hover_at_rest():
     return symmetric_hover(at_rest(load_scenario("hover")))
 
 
+@pytest.mark.slow
 def test_the_loops_of_a_fleet_equal_those_of_single_scenarios(hover_at_rest):
     fleet = HoverFleet(hover_at_rest, FIELDS)
     loops = fleet(VALUES)
@@ -30,6 +31,7 @@ def test_the_loops_of_a_fleet_equal_those_of_single_scenarios(hover_at_rest):
     assert len(fleet.states) == loops.shape[1]
 
 
+@pytest.mark.slow
 def test_chosen_states_have_the_rows_and_columns_of_the_whole_loop(hover_at_rest):
     fleet = HoverFleet(hover_at_rest, FIELDS)
     full_loop = fleet(VALUES)
@@ -55,6 +57,7 @@ def test_a_loop_has_an_equilibrium_if_and_only_if_the_thrust_limits_allow_hover(
     assert np.isfinite(loops).all(axis=(1, 2)).tolist() == [False, True, True, True, False]
 
 
+@pytest.mark.slow
 def test_a_light_vehicle_with_slow_rotors_has_its_exact_poles(hover_at_rest):
     numbers = {"vehicle.mass": 0.2465, "vehicle.rotor_time_constant": 0.0819}
     exact = decoupled_loop(map_leaves(hover_at_rest, lambda path, value: numbers.get(path, value)))

@@ -102,7 +102,7 @@ SENSITIVITY_LIMITS = {f"laboratory.yaml:{name}": 2.215 for name in ("pd", "pid",
 SENSITIVITY_LIMITS |= {"priced.yaml:indi@3": 3.015}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SENSITIVITY_LIMITS)
 def test_the_shipped_controllers_meet_the_limits_on_sensitivity_and_delay(diagrams, name):
     """Sensitivity peak and delay margin are within their limits, on a lateral axis and on the vertical axis."""

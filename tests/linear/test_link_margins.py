@@ -44,6 +44,7 @@ def displacement_grows(scenario, row, duration):
     return last > third
 
 
+@pytest.mark.long
 def test_thrust_and_yaw_loops_have_their_designed_margins(laboratory):
     """A design breaks the loop at the commanded acceleration, which the command link carries for thrust and yaw."""
     scenario = laboratory()
@@ -86,6 +87,7 @@ def test_the_margins_at_the_command_link_of_an_autopilot_are_those_of_the_positi
     np.testing.assert_allclose(margins_by_signal["roll"], designed.loops["y"].margins, rtol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("replaced_part", ["control", "position_controller"])
 def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(laboratory, replaced_part):
     """The gains of the replaced control have no influence."""
@@ -104,6 +106,7 @@ def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(labo
         np.testing.assert_allclose(margins_by_signal[name], expected[name], rtol=1e-6)
 
 
+@pytest.mark.long
 def test_a_loop_transfer_function_with_unit_feedback_has_poles_of_the_whole_closed_loop(asymmetric_lqg):
     """The slow poles of each loop of `link_loops` are compared with those of `closed_loop`."""
     scenario = asymmetric_lqg

@@ -72,7 +72,7 @@ def test_margins_match_python_control(k_p, k_d):
     assert actual.crossover == pytest.approx(crossover, rel=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
     """The test searches the gains for which the margin is a whole number of ticks.

@@ -47,7 +47,12 @@ def poles_with_gain(closed, factor):
 
 
 @pytest.mark.parametrize(
-    ("name", "signal", "row"), [("hover", "tau_x", 1), ("laboratory:nominal", "tau_x", 1), ("onboard", "roll", 1)]
+    ("name", "signal", "row"),
+    [
+        ("hover", "tau_x", 1),
+        pytest.param("laboratory:nominal", "tau_x", 1, marks=pytest.mark.long),
+        ("onboard", "roll", 1),
+    ],
 )
 @pytest.mark.parametrize("num_ticks", [1, 3])
 def test_a_time_invariant_loop_has_the_same_margins_as_a_periodic_loop(name, signal, row, num_ticks):
@@ -130,6 +135,7 @@ def test_a_tick_of_delay_reduces_the_delay_margins_of_a_periodic_loop_by_a_tick(
     assert sizes[0] < 1.0 < sizes[1]
 
 
+@pytest.mark.long
 def test_the_sensitivity_peak_and_the_disk_margin_are_gains_of_the_periodic_loop(slow_camera):
     """The gain over a finite time approaches the gain over an infinite time from below."""
     closed = offset_loop(slow_camera, 1)
@@ -170,7 +176,8 @@ def test_margins_of_all_signals_of_a_periodic_loop_agree(slow_camera):
     assert joint_disk_margin(slow_camera).disk == pytest.approx(min(each.disk for each in expected), rel=5e-3)
 
 
-@pytest.mark.parametrize("name", ["warehouse_uwb", pytest.param("outdoor_gnss", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["warehouse_uwb", "outdoor_gnss"])
 def test_unobservable_states_do_not_make_the_loops_of_an_estimator_unstable(name):
     """The yaw and the bias of its gyroscope are unobservable without a magnetometer, and the loop has a pole at 1."""
     margins = link_margins(median_scenario(load_scenario(name)))

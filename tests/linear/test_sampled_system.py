@@ -67,6 +67,7 @@ def test_the_model_of_an_ideal_laboratory_agrees_with_classical_sampling(hover, 
         np.testing.assert_allclose(response, classical_response(frequency, delay_ticks=delay_ticks), rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overrides", [[], IMPERFECT_OVERRIDES])
 def test_the_jacobian_of_the_whole_loop_matches_finite_differences(hover, overrides):
     scenario = hover(*overrides)

@@ -78,6 +78,7 @@ ARDUPILOT = dataflash_log(
 )
 
 
+@pytest.mark.slow
 def test_an_ardupilot_log_is_converted_to_the_frames_and_rotor_order_of_this_library(read):
     """Half a turn about x converts NED to NWU.
 

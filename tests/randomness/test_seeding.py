@@ -1,6 +1,7 @@
 """Comparison of the seeding of samples with the seed sequences of NumPy."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,6 +20,7 @@ def test_child_words_agree_with_numpys_seed_sequence(entropy, samples, kind):
         assert word == sequence.generate_state(1, np.uint64)[0]
 
 
+@pytest.mark.slow
 @given(seeds=st.lists(st.integers(0, 2**63 - 1), min_size=1, max_size=5), kind=st.integers(0, 2))
 def test_child_words_of_several_seeds_equal_the_words_of_each_seed_alone(seeds, kind):
     samples = np.arange(len(seeds)) * 7

@@ -190,6 +190,7 @@ def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, tex
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_metrics_can_start_at_a_later_lap(diagrams):
     """The metrics cover the part of the flight from the start of this lap."""
     lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"

@@ -70,6 +70,7 @@ def test_a_path_satisfies_the_limits_at_all_times_and_attains_one(seed, segments
     np.testing.assert_allclose(path.coefficients[:, 0], waypoints[:-1], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_independent_optimiser_finds_the_same_constrained_path():
     """For one axis and two segments, SLSQP varies velocity, acceleration and jerk at the waypoint.
 

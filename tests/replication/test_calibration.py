@@ -146,6 +146,7 @@ def test_a_parameter_range_that_cannot_reproduce_the_target_error_is_refused(low
         calibration._fit(free, lambda value: np.full(3, value), 1.75)
 
 
+@pytest.mark.slow
 def test_a_crash_counts_as_an_infinite_error():
     crashing_overrides = ["duration=1", "crash.position_error=0.001"]
     assert calibration._errors(load(Cell("low_wind", "pd"), crashing_overrides), 2).tolist() == [math.inf] * 2

@@ -45,6 +45,7 @@ def scenario(name, *overrides):
     return load_scenario(f"{PAPER_SCENARIOS}:{name}", ["duration=1.5", *overrides])
 
 
+@pytest.mark.long
 def test_recorded_samples_equal_single_flights():
     study = scenario("low_wind_pd_t2fnn")
     for sample, flight in zip((4, 2), simulate_samples(study, [4, 2]), strict=True):
@@ -56,6 +57,7 @@ def test_recorded_samples_equal_single_flights():
         np.testing.assert_allclose(flight.metrics, single_flight.metrics, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_settings_in_a_fleet_give_the_same_error_as_overrides_of_the_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
     result = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
@@ -70,6 +72,7 @@ def test_settings_in_a_fleet_give_the_same_error_as_overrides_of_the_scenario():
     assert result.rmse[1, 1] == pytest.approx(single_metrics.rmse, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_exponents_of_one_give_the_type_1_network():
     settings = {name: values[:1] for name, values in Q_SETTINGS.items()}
     assert (settings["a1"][0], settings["a2"][0]) == (1.0, 1.0)
@@ -77,6 +80,7 @@ def test_exponents_of_one_give_the_type_1_network():
     assert result.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_gains_apply_to_both_horizontal_axes():
     settings = {name: values[[7]] for name, values in gain_settings(4).items()}
     result = fly_settings(scenario("no_wind_pd"), settings, [1])

@@ -77,6 +77,7 @@ def test_settings_are_written_to_their_fields_of_the_scenario():
             assert getattr(position, name)[2] == number_at(scenario, f"control.position.{name}.2")
 
 
+@pytest.mark.slow
 def test_metrics_have_a_row_for_each_setting_and_a_column_for_each_sample():
     """Each metric equals the metric of a single flight of the sample with the gains of the setting."""
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
@@ -93,6 +94,7 @@ def test_metrics_have_a_row_for_each_setting_and_a_column_for_each_sample():
             np.testing.assert_allclose([values[row, column] for values in result], metrics, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_leg_metrics_have_a_row_for_each_setting():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd", ["duration=13.5"])
     settings = {"k_p": np.array([1.4, 4.0]), "k_d": np.array([1.7, 3.0])}

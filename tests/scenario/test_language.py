@@ -26,6 +26,7 @@ def schema_errors(text):
     return [error.message for error in validator().iter_errors(YAML(typ="safe", pure=True).load(text))]
 
 
+@pytest.mark.slow
 def test_generated_page_and_schema_are_up_to_date():
     how_to_update = "python scripts/development/document_scenarios.py --output docs/reference writes them again"
     folder = REPOSITORY / "docs" / "reference"

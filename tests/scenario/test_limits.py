@@ -356,6 +356,7 @@ def test_the_attitude_must_be_controlled_either_on_the_ground_or_on_board(write,
     assert re.search(words, refusal(load_scenario, write(SMALL_FILE), overrides))
 
 
+@pytest.mark.slow
 def test_an_attitude_response_too_fast_for_the_time_step_is_refused(write):
     """The Runge-Kutta method is stable for steps up to 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"

@@ -631,6 +631,7 @@ def test_the_error_for_a_missing_or_binary_file_gives_the_reason(tmp_path):
         load_scenario(tmp_path / "binary.yaml")
 
 
+@pytest.mark.slow
 def test_shipped_scenarios_load(diagrams):
     for path in diagrams.glob("*.yaml"):
         for name in YAML(typ="safe").load(path):

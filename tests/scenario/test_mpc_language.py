@@ -56,6 +56,7 @@ def test_errors_name_the_invalid_field(overrides, words):
         load(*overrides)
 
 
+@pytest.mark.slow
 def test_walls_of_a_tube_move_with_the_reference_and_walls_of_a_room_are_fixed():
     tube, _ = structure_of(load("control.corridor={kind: tube, half_width: [0.1, null, 0.3], weight: 7}"))
     assert tube["corridor"] == ((-0.1, -math.inf, -0.3), (0.1, math.inf, 0.3), True, 7.0)

@@ -21,6 +21,7 @@ def test_shipped_names_do_not_depend_on_the_working_directory(diagrams, tmp_path
     assert pd == load_scenario(diagrams / "laboratory.yaml:high_wind", layers=[diagrams / "controllers/paper.yaml:pd"])
 
 
+@pytest.mark.slow
 def test_every_shipped_scenario_loads_by_its_name(diagrams):
     assert {shipped_file(name).resolve() for name in shipped_names()} == {*diagrams.rglob("*.yaml")}
     assert shipped_folder() == diagrams

@@ -228,6 +228,7 @@ def test_files_of_other_formats_are_refused_with_their_names(folder, name, words
 MANY_CORNERS = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
 
 
+@pytest.mark.slow
 def test_a_mesh_with_many_corners_is_replaced_by_a_simpler_enclosing_hull(folder):
     """The mesh may be a file or a list of points. A saved hull is loaded again unchanged."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in MANY_CORNERS))

@@ -43,7 +43,7 @@ def with_filter(**changes):
     return load_scenario("hover", {**FILTER_WITH_CAMERAS, "duration": 2.0, **changes})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["indoor_flow", "warehouse_uwb"])
 def test_the_errors_of_shipped_estimators_have_the_estimated_deviations(name):
     """The position of indoor_flow is better than estimated, because its initial error is zero."""
@@ -64,7 +64,7 @@ def test_a_scenario_with_lost_frames_and_latencies_flies_alike_in_wired_and_comp
     assert_flown_alike(Batch.draw(scenario, [0, 1]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lost_frames_do_not_bias_the_estimate():
     """A repeated frame that is used as if it were new would pull the estimate back along the path."""
     override = {"route": {"kind": "figure_eight"}, "duration": 6.0, "laboratory.motion_capture.dropout_rate": 0.5}
@@ -73,7 +73,7 @@ def test_lost_frames_do_not_bias_the_estimate():
     assert np.sqrt(np.square(error).sum(axis=0).mean()) < 0.004
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_linear_models_contain_the_filter():
     """The response to a small displacement of the vehicle agrees with that of the nonlinear loop."""
     loop = closed_loop(with_filter())
@@ -86,7 +86,7 @@ def test_linear_models_contain_the_filter():
         assert np.abs(response.linear).max() > 0.5e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_hover_has_a_stationary_position_error_without_a_yaw_sensor_but_not_without_a_position_sensor():
     """Without a compass, the yaw drifts, but a small error of the yaw does not act on the position in hover."""
     gnss = {"kind": "gnss", "period": 0.01, "position_noise": [0.1] * 3, "velocity_noise": [0.1] * 3}

@@ -54,6 +54,7 @@ def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
     assert grid.shortest_route(lengths, predecessors, begin, end) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
     room, random = random_room(seed), np.random.default_rng(seed)

@@ -67,7 +67,13 @@ MESHES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
+@pytest.mark.parametrize(
+    ("points", "most_growth"),
+    [
+        pytest.param(*mesh, id=name, marks=pytest.mark.long if name.startswith("needle as thin") else ())
+        for name, mesh in MESHES.items()
+    ],
+)
 def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_growth):
     actual = simplified_hull(points, MAX_CORNERS)
     original, simplified = convex_hull(points), convex_hull(actual.corners)

@@ -37,6 +37,7 @@ def test_the_significance_of_crashes_follows_from_the_sign_test(only_first, only
     assert result.crash_significance == pytest.approx(significance)
 
 
+@pytest.mark.slow
 def test_samples_fly_in_the_given_order():
     scenario, reports = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
     result = fly_samples(scenario, [5, 2], progress=lambda *each: reports.append(each))

@@ -34,6 +34,7 @@ def test_a_seed_reproduces_the_flights():
     assert not np.isin(other_seed, first).any()
 
 
+@pytest.mark.slow
 def test_all_ticks_count_for_the_metrics():
     """Updates that are pending at the end are completed, so the number of ticks equals that of `simulate`."""
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.2", "metrics.start=0.199"])
@@ -41,6 +42,7 @@ def test_all_ticks_count_for_the_metrics():
     assert np.isfinite(run_monte_carlo(scenario, 1).metrics.rmse[0])
 
 
+@pytest.mark.slow
 def test_sample_indices_are_31_bits_of_drake_s_generator(monkeypatch):
     """The indices cover the whole range, with a given seed and with the seed of the scenario."""
     calls = []

@@ -40,6 +40,7 @@ def test_coordinates_are_the_drawn_fields_and_the_shared_variables(scenario):
     assert {*coordinates(scenario)} == {*fields, shared_stream("a")}
 
 
+@pytest.mark.slow
 def test_the_evaluator_has_the_metrics_of_a_study_with_the_same_random_numbers(scenario):
     study = run_monte_carlo(scenario, 7, num_workers=1)
     evaluator = Evaluator(scenario, num_vehicles=4)
@@ -112,7 +113,7 @@ def test_the_noise_is_the_same_if_each_period_uses_the_sample_of_the_whole_fligh
     np.testing.assert_array_equal(with_one_period(points, [4, 5, 6]), with_many_periods(points, [4, 5, 6]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_flights_with_the_same_noise_until_a_period_are_equal_until_then(scenario):
     evaluator = Evaluator(scenario, num_vehicles=2, noise_period=0.2)
     point, numbers = np.full(len(evaluator.names), 0.4), np.arange(evaluator.num_periods)

@@ -87,6 +87,7 @@ def test_a_fleet_flies_two_ticks_before_a_fork(job, fleet):
     assert fleet.flown == [(10, list(range(10)), {"duration": 0.04})]
 
 
+@pytest.mark.slow
 def test_rows_contain_index_drawn_values_and_metrics(job):
     scenario = job.scenario
     (row,) = fly_batch(job, [6])

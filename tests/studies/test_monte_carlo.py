@@ -259,6 +259,7 @@ def fail_always(job, samples):
     raise ArithmeticError(f"all {len(samples)} samples failed,\nwith a long message: {'x' * 1000}")
 
 
+@pytest.mark.slow
 def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "fly_batch", fail_always)
     words = (
@@ -441,6 +442,7 @@ def test_workers_are_spawned_where_a_fork_is_not_safe():
     assert Workers(1).forks_workers
 
 
+@pytest.mark.slow
 def test_a_scenario_without_distributions_can_be_studied(tmp_path):
     result = run_monte_carlo(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.3"]), 6, folder=tmp_path)
     assert not result.parameters
@@ -492,6 +494,7 @@ def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers
     assert [min(size, count - first) for first in range(0, count, size)] == sizes
 
 
+@pytest.mark.slow
 def test_memory_is_used_only_for_flown_samples(tmp_path):
     """The results of two billion samples would take 250 GB."""
     count = 2_000_000_000

@@ -41,6 +41,7 @@ def replace_flights(monkeypatch):
     return replace
 
 
+@pytest.mark.slow
 def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario, replace_flights):
     """The indices are those of Saltelli et al., "Sensitivity Analysis" (2000), for a = 7 and b = 0.1."""
 

@@ -69,6 +69,7 @@ def test_a_study_counts_crashes_into_each_obstacle():
     assert fraction == touched
 
 
+@pytest.mark.slow
 def test_the_obstacles_of_crashes_are_saved(tmp_path):
     space = {"obstacles": {"pillar": {"kind": "cylinder", "centre": [0.4, 0.0, 1.0], "radius": 0.13, "height": 1.0}}}
     changed = {"space": space, "duration": 0.4, "laboratory.wind": [{"kind": "steady", "velocity": [3.0, 0.0, 0.0]}]}

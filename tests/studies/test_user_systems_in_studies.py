@@ -140,6 +140,7 @@ def test_a_system_with_inconsistent_results_is_refused_before_anything_is_writte
     assert not (tmp_path / "study").exists()
 
 
+@pytest.mark.slow
 def test_a_system_whose_code_fails_is_refused_with_its_file_and_line(tmp_path):
     with pytest.raises(InputError, match=r"^\S*test_user_systems_in_studies\.py:\d+: KeyError: 'gain'$"):
         run(position_controller=RaisingController, folder=tmp_path / "study")

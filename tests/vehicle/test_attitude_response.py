@@ -64,6 +64,7 @@ def lag_response(omega, zeta, target, start, end):
     )[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_with_its_own_lag(time_step):
     """The yaw turns from 3 rad to -3 rad in the shorter direction. Thrust and rates of the target have no effect."""

@@ -197,6 +197,7 @@ def test_an_overloaded_battery_delivers_its_maximum_power():
     assert battery_load(Charge(100.0), 10.0, BATTERY).voltage == pytest.approx(0.0, abs=1e-90)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_the_rotors_discharge_the_battery(time_step):
     """The vehicle agrees with an independent integration of the charge and one rotor speed."""

@@ -45,7 +45,7 @@ def response_of(loop, frequency):
     return np.array(responses)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bode_plots_have_gain_phase_and_margins(design):
     figure = design_plots.plot_bode(design)
     grid = np.array(figure.axes).reshape(2, 2)
@@ -214,6 +214,7 @@ def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     assert not outside.lines
 
 
+@pytest.mark.slow
 def test_contours_of_a_map_show_stability_limit_damping_and_delay_margin(panels):
     result, first, second, *_ = panels
     axes = drawn_map(result, first, second).axes[0]
@@ -256,6 +257,7 @@ def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
     assert scipy.spatial.distance.pdist(positions).min() > 20.0
 
 
+@pytest.mark.slow
 def test_the_colour_scale_of_a_map_has_a_positive_width_if_all_errors_are_equal_or_tiny(panels):
     result, first, second, *_ = panels
     zero = [result[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]

@@ -172,6 +172,7 @@ def test_equal_rotor_speeds_of_a_plan_are_dashed():
     assert np.mean(yaw) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_diverged_flight_is_drawn_until_its_state_is_not_finite():
     wind = "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 1.0, diameter: 0.6}]"
     flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
@@ -195,6 +196,7 @@ def test_wind_in_the_signals_is_plotted_even_if_the_scenario_has_none(monkeypatc
     assert "wind" in plots.save_plots(replace(flight, signals={**flight.signals, "wind": wind}), ".")
 
 
+@pytest.mark.slow
 def test_the_points_at_which_a_reference_is_drawn_extend_from_its_start_to_its_end():
     plan = plan_route(load_scenario("slalom"))
     points = reference_points(plan)

@@ -47,6 +47,7 @@ def estimated():
     return simulate(load_scenario("warehouse_uwb", ["duration=1"]))
 
 
+@pytest.mark.slow
 def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
     figure = plots.plot_errors(flight)
     assert legends(figure) == ["X", "Y", "Z"]
@@ -161,6 +162,7 @@ def test_the_view_of_a_hover_is_half_a_metre_wide_and_centred():
         assert np.mean(limits) == pytest.approx(coordinate, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_crash_is_marked_at_its_position(crash):
     assert crash.metrics.crashed
     _, plane = plots.plot_path(crash).axes
@@ -279,6 +281,7 @@ def windy():
     return simulate(load_scenario("laboratory:nominal", ["duration=1.5", WIND_OVERRIDE]))
 
 
+@pytest.mark.slow
 def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
     figure = plot_wind(windy)
     assert legends(figure) == ["reference", "flown", "X", "Y", "Z"]

@@ -193,7 +193,7 @@ def test_axes_of_studies_have_labels(name):
     assert labels(draw()) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_axes_of_designs_have_labels_and_legends():
     design = design_cascade(load_scenario("laboratory:nominal"))
     bode, nyquist, locus = (draw(design) for draw in design_plots.DESIGN_PLOTS.values())

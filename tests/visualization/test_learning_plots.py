@@ -35,6 +35,7 @@ def test_memberships_match_the_formula():
     assert len(plots.plot_memberships().axes) == 4
 
 
+@pytest.mark.slow
 def test_the_exponents_of_the_network_have_a_panel(flight):
     sets = flight.scenario.control.network.antecedents()
     titles = [axes.get_title() for axes in plots.plot_network_memberships(flight).axes]
@@ -72,6 +73,7 @@ def test_learning_is_shown_for_each_axis(flight):
     assert rows[1, -1].get_legend() is not None
 
 
+@pytest.mark.long
 def test_an_adaptation_law_without_a_covariance_has_no_trace_panel():
     for law, rows in (("{kind: gradient, slope: 2.1, rate: 1.0}", 2), ("{kind: covariance, slope: 2.1}", 3)):
         flight = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", f"control.network.learning={law}"]))

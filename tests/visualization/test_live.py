@@ -59,6 +59,7 @@ def fly_for(flight, seconds):
     return flight.state
 
 
+@pytest.mark.slow
 def test_an_untouched_live_flight_equals_the_simulated_flight(page):
     scenario = load_scenario("laboratory:low_wind")
     state = fly_for(LiveFlight(scenario, page, rate=0), 2.0)

@@ -68,6 +68,7 @@ def test_panels_of_designs_and_logs_share_their_axes(design, panels, compared): 
     check_shared_axes(plot_comparison(flights), 1, 2, x="all", y="all")
 
 
+@pytest.mark.slow
 def test_a_network_on_one_axis_has_one_column():
     flight = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", "control.network.axes=[y]"]))
     assert len(learning_plots.plot_memberships([(1.2, 0.8)]).axes) == 1

@@ -126,6 +126,7 @@ def legend_of(axes):
     return legend.get_texts(), legend.get_lines()
 
 
+@pytest.mark.slow
 def test_a_path_has_equal_scales_in_three_dimensions():
     flight = simulate(load_scenario("diagrams/slalom.yaml", ["duration=3"]))
     space = plot_path(flight).axes[0]

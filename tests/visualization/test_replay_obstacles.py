@@ -33,6 +33,7 @@ def crash():
     return flight
 
 
+@pytest.mark.slow
 def test_the_room_contains_whole_obstacles_and_the_near_part_of_a_long_wall(hover):
     room = draw_surroundings(local_meshcat(), hover.scenario, hover.plan, reference_points(hover.plan))
     assert np.all(room.low <= [0.8, 0.3, 0.0])

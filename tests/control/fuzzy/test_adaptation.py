@@ -127,6 +127,7 @@ def test_only_the_selected_parts_of_the_sets_learn(part):
     np.testing.assert_allclose((final - before)[is_moved], -0.001 * getattr(rates, part) * slopes[is_moved], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("learns_from", ["surface", "feedback"])
 def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
     """The parameters of two vehicles follow the equations of the gradient law with a dead zone."""
@@ -161,6 +162,7 @@ def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
         np.testing.assert_allclose(final[:, vehicle], layout.flatten(tuple(expected)), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
     """The corrections of both networks are equal for the same weights and inputs."""
     sets, parameters = (

@@ -218,6 +218,7 @@ def test_every_learning_law_reduces_the_error_in_flight(scenario_with, learning)
     assert error < 0.9 * simulate(scenario_with("pd"), sample=0).metrics.rmse
 
 
+@pytest.mark.slow
 def test_a_network_corrects_only_its_chosen_axes(scenario_with):
     flight = simulate(scenario_with("pd_t2fnn", "control.network.axes=[z]", "duration=4"), sample=0)
     assert flight["weights"].shape[1] == 9

@@ -185,6 +185,7 @@ def test_the_internal_state_advances_once_for_each_reading():
     np.testing.assert_array_equal(outputs["clock"][:, 0], [1, 2, 3, 3, 3, 3, 7, 8, 9, 10])
 
 
+@pytest.mark.slow
 def test_the_drift_is_stationary_and_independent_between_the_vehicles_of_a_fleet():
     """All readings have the same standard deviation, and successive readings have the given correlation."""
     vehicles = 2000

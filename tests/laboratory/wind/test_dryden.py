@@ -69,6 +69,7 @@ def test_sampled_covariances_agree_with_the_continuous_process(period):
         np.testing.assert_allclose(np.diag(lagged), expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
 def test_a_long_flight_in_turbulence_has_the_given_standard_deviation(period, duration):
     """The standard deviation is taken over 3,000 vehicles and all samples."""

@@ -123,6 +123,7 @@ def test_the_closed_form_of_the_velocity_in_a_gust_agrees_with_scipy():
     assert solution.y[0, -1] == pytest.approx(by_hand, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_sources_of_wind_add_up(diagrams):
     steady = "{kind: steady, velocity: [1, 0, 0]}"
     gust = "{kind: gust, velocity: [0, 2, 0], start: 0, rise_time: 0.5}"
@@ -131,6 +132,7 @@ def test_sources_of_wind_add_up(diagrams):
     np.testing.assert_allclose(flight["wind"][-1], [2.0, 2.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_turbulence_has_the_speed_and_heading_of_the_steady_wind_by_default(diagrams):
     steady = "{kind: steady, velocity: [0, 6, 0]}"
     winds = []
@@ -149,6 +151,7 @@ def test_steady_wind_is_constant_and_can_differ_between_vehicles():
         np.testing.assert_array_equal(system.get_output_port().Eval(context), [0.7, 0.7, -0.5, 1.5, 0.3, 0.3])
 
 
+@pytest.mark.slow
 def test_wind_may_be_given_by_speed_and_heading(diagrams):
     sources = "[{{kind: steady, {0}}}, {{kind: gust, {1}, start: 0.1, rise_time: 0.2}}]"
     by_velocity = sources.format("velocity: [0.0, 2.0, 0.0]", "velocity: [-1.5, 0.0, 0.0]")
