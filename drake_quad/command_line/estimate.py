@@ -4,9 +4,13 @@ Position and attitude of a log are taken as ground truth. The filter integrates 
 is corrected by every n-th position. The command prints the root-mean-square errors of the filter in flight, and plots
 its errors over time. If a log also contains the estimate that was computed on board, the option --on-board adds the
 errors of this estimate.
+
+The command also prints noise density and bias of the inertial sensors, and saves them as a scenario that others can
+extend. The noise includes vibration and fast motion of the vehicle.
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +18,8 @@ import numpy as np
 from drake_quad.command_line.options import add_vector, check_ranges, parser_without_options
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder
+from drake_quad.files import output_folder, write_atomically
+from drake_quad.identification.inertial_errors import InertialErrors, inertial_errors
 from drake_quad.identification.logged_estimate import (
     CRAZYFLIE_ATTITUDE_NOISE,
     CRAZYFLIE_POSITION_NOISE,
@@ -24,11 +29,13 @@ from drake_quad.identification.logged_estimate import (
     estimate_logged_flight,
 )
 from drake_quad.logs.reading import read_log
+from drake_quad.statistics.interval import plus_minus
 
 _OPTION_RANGES = {"skip": (0, 1000), "position_noise": (1e-6, 10.0), "attitude_noise": (1e-6, 1.0)}
 # Names of the errors in the table, with their factors and units.
 _COLUMNS = (("position", 1e3, "mm"), ("velocity", 1e2, "cm/s"), ("tilt", 1e3, "mrad"), ("yaw", 1e3, "mrad"))
 _HEADER = ("log", "filter", *(f"{name} ({unit})" for name, _, unit in _COLUMNS), "lag removed (ms)")
+_SENSOR_HEADER = ("log", "sensor", "noise density", "bias at the end")
 _MAX_SQUARED_INNOVATION = 2.0  # mean above which a filter is inconsistent; the expected value is 1
 
 
@@ -77,7 +84,7 @@ def main(arguments: argparse.Namespace) -> None:
     from drake_quad.visualization.estimate_plots import plot_estimate
     from drake_quad.visualization.style import save_figures
 
-    rows, figures = [], {}
+    rows, sensor_rows, figures, files = [], [], {}, []
     for path in arguments.log:
         name = path.name.partition(".")[0]
         if name in figures:
@@ -98,9 +105,30 @@ def main(arguments: argparse.Namespace) -> None:
             rows.append(_row(name, "on board", on_board, is_flying, lag))
         _remark_inconsistency(name, estimate)
         figures[name] = plot_estimate(estimate, on_board)
+        sensors = inertial_errors(record, estimate)
+        sensor_rows += [row for sensor in sensors for row in _sensor_rows(name, sensor)]
+        files.append(write_sensors(folder / f"{name}_sensors.yaml", name, sensors))
     print("root-mean-square errors in flight")
     print_columns(_HEADER, rows)
-    print_files(save_figures(figures, folder, vector=arguments.vector))
+    print("\ninertial sensors in flight, with 95 % intervals")
+    print_columns(_SENSOR_HEADER, sensor_rows)
+    print_files([*save_figures(figures, folder, vector=arguments.vector), *files])
+
+
+def _sensor_rows(name: str, sensor: InertialErrors) -> list[tuple[str, ...]]:
+    return [
+        (name, f"{sensor.kind} {axis}", f"{plus_minus(density.value, density.half_width)} {density.unit}",
+         f"{plus_minus(bias.value, bias.half_width)} {bias.unit}")
+        for axis, density, bias in zip("xyz", sensor.noise_density, sensor.bias, strict=True)
+    ]  # fmt: skip
+
+
+def write_sensors(path: Path, name: str, sensors: Sequence[InertialErrors]) -> Path:
+    """Write the inertial sensors of a log as a scenario with the name of the log, and return the path."""
+    from ruamel.yaml import YAML
+
+    scenario = {name: {"laboratory": {"sensors": [each.settings() for each in sensors]}}}
+    return write_atomically(path, lambda file: YAML().dump(scenario, file))
 
 
 def _row(name: str, label: str, errors: EstimateErrors, is_flying: np.ndarray, lag: float) -> tuple[str, ...]:
@@ -110,7 +138,7 @@ def _row(name: str, label: str, errors: EstimateErrors, is_flying: np.ndarray, l
 
 def _remark_inconsistency(name: str, estimate: LoggedEstimate) -> None:
     """Remark that the innovations are larger than the filter expects."""
-    size = float(np.square(estimate.innovations[estimate.is_flying]).mean())
+    size = estimate.mean_squared_innovation
     if size > _MAX_SQUARED_INNOVATION:
         remark(
             f"{name}: the squared innovations are {size:.1f} times as large as the filter expects, so its standard"

@@ -101,6 +101,11 @@ class LoggedEstimate(NamedTuple):
     lag: float
     period: float
 
+    @property
+    def mean_squared_innovation(self) -> float:
+        """Mean squared normalised innovation in flight; 1 if the assumed noise is correct."""
+        return float(np.square(self.innovations[self.is_flying]).mean())
+
 
 class _Table(NamedTuple):
     """Signals of a flight, resampled at a constant period; all except the time have the shape (n, 3)."""

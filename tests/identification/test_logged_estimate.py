@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from inertial_log import ACCELEROMETER, GYROSCOPE, simulated_log
 
-from drake_quad import InputError, load_scenario, simulate
+from drake_quad import InputError
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.identification.logged_estimate import errors_on_board, estimate_logged_flight
 from drake_quad.logs.record import FlightRecord
@@ -14,22 +15,7 @@ POSITION_NOISE = 0.003  # m
 
 @pytest.fixture(scope="module")
 def record():
-    """Return the log of a simulated flight with noisy and biased inertial sensors, sampled at 50 Hz."""
-    sensors = [
-        {"kind": "gyroscope", "period": 0.02, "noise_density": 1e-3, "bias": [0.02, -0.01, 0.015]},
-        {"kind": "accelerometer", "period": 0.02, "noise_density": 0.01, "bias": [0.05, -0.1, 0.08]},
-    ]
-    flight = simulate(load_scenario("figure_eight", {"laboratory.sensors": sensors, "duration": 12.0}), compiled=True)
-    state = np.array(flight.record("state"))
-    return FlightRecord(
-        "simulated",
-        np.array(flight.time),
-        position=state[0:3].T + np.array([0.0, 0.0, 1.0]),
-        velocity=state[6:9].T,
-        attitude=state[3:6].T,
-        body_rates=np.array(flight.record("gyroscope")).T,
-        specific_force=np.array(flight.record("accelerometer")).T,
-    )
+    return simulated_log()
 
 
 @pytest.mark.slow
@@ -37,8 +23,8 @@ def test_the_filter_finds_the_biases_and_its_errors_have_the_estimated_deviation
     estimate = estimate_logged_flight(
         record, num_skipped=1, noise=NOISE, position_noise=POSITION_NOISE, attitude_noise=0.005
     )
-    np.testing.assert_allclose(estimate.gyroscope_bias, [0.02, -0.01, 0.015], atol=0.003)
-    np.testing.assert_allclose(estimate.accelerometer_bias, [0.05, -0.1, 0.08], atol=0.03)
+    np.testing.assert_allclose(estimate.gyroscope_bias, GYROSCOPE["bias"], atol=0.003)
+    np.testing.assert_allclose(estimate.accelerometer_bias, ACCELEROMETER["bias"], atol=0.03)
     settled = estimate.time > 4.0
     assert np.abs(estimate.errors.position[settled] / estimate.deviations[settled, 0:3]).max() < 3.0
     # The readings lag by one tick, 20 ms. The tolerance is a fifth of a tick.
