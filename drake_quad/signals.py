@@ -306,13 +306,13 @@ class Signals(dict[str, Any]):
 
     def __contains__(self, name: object) -> bool:
         """Return whether a signal has this name; the name may end with a sensor number, as in `accelerometer_2`."""
-        return super().__contains__(name) or super().__contains__(_without_number(name))
+        return super().__contains__(name) or super().__contains__(without_number(name))
 
     def __missing__(self, name: str) -> Any:
         """Return the type of a signal whose name ends with a sensor number, as in `accelerometer_2`."""
         if name not in self:
             raise KeyError(name)
-        return self[_without_number(name)]
+        return self[without_number(name)]
 
 
 def sensor_port_name(kind: str, number: int) -> str:
@@ -322,11 +322,12 @@ def sensor_port_name(kind: str, number: int) -> str:
 
 def valid_signal(name: str) -> str:
     """Return the port name of a sensor's validity: `gnss_valid` for `gnss`, `gnss_valid_2` for `gnss_2`, and so on."""
-    kind = _without_number(name)
+    kind = without_number(name)
     return f"{kind}_valid{name.removeprefix(kind)}"
 
 
-def _without_number(name: object) -> str:
+def without_number(name: object) -> str:
+    """Return the name of a sensor signal without the number of the sensor: `gnss_valid` for `gnss_valid_2`."""
     return re.sub(r"_\d+$", "", str(name))
 
 

@@ -10,6 +10,7 @@ from drake_quad.scenario.models import MetricWindow, Nominal, Scenario, Vehicle
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.paths import distributions_in, with_values
 from drake_quad.scenario.routes.hover import HoverRoute
+from drake_quad.signals import valid_signal
 
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 
@@ -42,8 +43,8 @@ def at_rest(scenario: Scenario) -> Scenario:
 def in_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover as `at_rest` does, but with noise, turbulence, lost frames and lost packets.
 
-    Sensors that the estimator does not read are removed, since no built-in control reads them. Faults of sensors are
-    removed, and so are sensor errors without a linear model, such as quantisation and vibration.
+    Sensors are removed if neither the estimator nor the control reads them. Faults of sensors are removed, and so are
+    sensor errors without a linear model, such as quantisation and vibration.
 
     Raises:
         InputError: if the scenario contains a distribution.
@@ -54,7 +55,7 @@ def in_hover(scenario: Scenario) -> Scenario:
                 f"{path} is a distribution, but the analysis of hover needs a number; give a number, or select a sample"
             )
     laboratory = scenario.laboratory
-    names = laboratory.estimator.names_of_sensors(laboratory)
+    names, read_signals = laboratory.estimator.names_of_sensors(laboratory), scenario.control.sensor_signals()
     route = scenario.route
     if not isinstance(route, HoverRoute) or distributions_in(route):
         route = _HOVER
@@ -65,7 +66,11 @@ def in_hover(scenario: Scenario) -> Scenario:
         "laboratory.wind": tuple([source for source in scenario.laboratory.wind if not source.depends_on_time]),
         "laboratory.estimator": laboratory.estimator.with_explicit_noise(laboratory),
         "laboratory.sensors": tuple(
-            [sensor.in_hover() for name, sensor in laboratory.named_sensors.items() if name in names]
+            [
+                sensor.in_hover()
+                for name, sensor in laboratory.named_sensors.items()
+                if name in names or {name, valid_signal(name)} & {*read_signals}
+            ]
         ),
         "duration": None,
         "sample": None,

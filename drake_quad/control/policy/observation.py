@@ -1,15 +1,28 @@
 """Observations of a policy: values of named signals at the current tick and at earlier ticks.
 
-Vectors are expressed in a frame of `drake_quad.control.policy.frames` or in B (`body`).
+Vectors are expressed in a frame of `drake_quad.control.policy.frames` or in B (`body`). Sensor readings are observed as
+they are, in the axes of the sensor.
 """
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from drake_quad.control.policy.frames import LevelFrame, level_axes
 from drake_quad.framework.elementary import sin_cos
+from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector
-from drake_quad.signals import Attitude, BodyRates, PositionW, Reference, RotorRate, RotorSpeed, Row, State, Wind
+from drake_quad.signals import (
+    SIGNALS,
+    Attitude,
+    BodyRates,
+    PositionW,
+    Reference,
+    RotorRate,
+    RotorSpeed,
+    Row,
+    State,
+    Wind,
+)
 
 Frame = Literal[LevelFrame, "body"]
 
@@ -171,7 +184,8 @@ class ObservationSpec(NamedTuple):
     """Specification of an observation.
 
     Attributes:
-        signals: names from `OBSERVABLE_SIGNALS`, in the order in which the observation contains them.
+        signals: names from `OBSERVABLE_SIGNALS` and names of sensor signals, in the order in which the observation
+            contains them.
         frame: frame in which vectors are expressed.
         history: number of ticks in the observation, including the current tick.
         turn: angle about z from x_B to the forward direction of the policy, rad; it also rotates all frames except W.
@@ -182,11 +196,17 @@ class ObservationSpec(NamedTuple):
     history: int = 1
     turn: float = 0.0
 
+    @property
+    def sensor_signals(self) -> tuple[str, ...]:
+        """Names of the observed sensor signals: readings, and validities of readings."""
+        return tuple([name for name in self.signals if name not in OBSERVABLE_SIGNALS])
+
 
 def num_observed(spec: ObservationSpec, *, num_actions: int, num_ahead: int) -> int:
     """Return the number of values in an observation at one tick."""
     sizes = {name: signal.rows for name, signal in OBSERVABLE_SIGNALS.items()}
     sizes |= {"action": num_actions, "reference_ahead": 3 * num_ahead}
+    sizes |= {name: layout_of(SIGNALS[name]).num_rows for name in spec.sensor_signals}
     return sum(sizes[name] or 0 for name in spec.signals)
 
 
@@ -212,6 +232,7 @@ def observation_rows(
     parameters: ObservationParameters,
     clearance: Callable[[Row, Row, Row], Row] | None,
     spec: ObservationSpec,
+    *sensor_signals: Any,
 ) -> tuple[Row, ...]:
     """Return the values of an observation at one tick.
 
@@ -226,6 +247,7 @@ def observation_rows(
         clearance: function of X, Y and Z that returns the distance to the nearest obstacle, m; None if the observation
             does not contain it.
         spec: specification of the observation.
+        sensor_signals: records of the sensor signals, in the order of `spec.sensor_signals`.
     """
     state, attitude = _with_policy_axes(state, spec)
     if spec.frame == "body":
@@ -238,7 +260,14 @@ def observation_rows(
     observables = Observables(
         state, reference, ahead, rotor_speed, wind, action, distance, parameters.top_speed, axes, attitude
     )
-    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].components(observables)])
+    rows = {
+        name: layout_of(SIGNALS[name]).flatten(record)
+        for name, record in zip(spec.sensor_signals, sensor_signals, strict=True)
+    }
+    for name in spec.signals:
+        if name not in rows:
+            rows[name] = [*OBSERVABLE_SIGNALS[name].components(observables)]
+    return tuple([row for name in spec.signals for row in rows[name]])
 
 
 def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:

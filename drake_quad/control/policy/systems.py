@@ -7,7 +7,7 @@ The observation can contain the last action:
               └──────────────────────┘
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -17,10 +17,10 @@ from drake_quad.control.cascade import connect_inner_loop
 from drake_quad.control.policy.network import Network, evaluate_network
 from drake_quad.control.policy.observation import ObservationParameters, ObservationSpec, num_observed, observation_rows
 from drake_quad.framework.elementary import identity
-from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import REQUIRED, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import build, connect_inputs, split_output
-from drake_quad.signals import Row
+from drake_quad.signals import SIGNALS, Row, Valid
 
 # Input ports of the subsystems that the diagram exports.
 _EXPORTED_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
@@ -64,7 +64,8 @@ class Observation(FleetSystem):
     tick come first, followed by those of earlier ticks, the most recent tick first. At the first tick, all earlier
     observations equal the first. `measurement` is the measured or the true state of the vehicle. `action` is the output
     of the policy, which is observed at the next tick. The last three ports exist if the observation contains these
-    signals.
+    signals. An observation of sensors on board has a further input port for each of their signals, such as
+    `accelerometer`.
 
     The states are `last_action` and, with a history, `past`; the only parameter of the context is `parameters`.
 
@@ -97,7 +98,14 @@ class Observation(FleetSystem):
         wind = self.input("wind") if "wind" in spec.signals else None
         parameter = self.parameter("parameters", lambda parameters: parameters)
         last = self.state("last_action", lambda parameters: parameters.initial_action)
-        observation_inputs = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
+        # All readings of a sensor without a port for their validity are valid.
+        sensor_signals = [
+            self.input(name, absent=Valid(1.0) if SIGNALS[name] is Valid else REQUIRED) for name in spec.sensor_signals
+        ]
+        observation_inputs = (
+            *(state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec),
+            *sensor_signals,
+        )
         num_rows = num_observed(spec, num_actions=num_actions, num_ahead=num_ahead)
         before = spec.history - 1
         past: Any = self.state("past", lambda _: (0.0,) * (before * num_rows)) if before else ()
@@ -168,6 +176,7 @@ def build_policy_control(
     state_source: Literal["measurement", "state"] = "measurement",
     thrust_vectoring: Any = None,
     attitude: Any = None,
+    sensor_signals: Sequence[str] = (),
 ) -> Diagram:
     """Build the diagram `control` around a policy.
 
@@ -195,6 +204,7 @@ def build_policy_control(
         state_source: signal that is connected to the port `measurement` of the observation.
         thrust_vectoring: a `ThrustVectoring` if an acceleration is commanded, else None.
         attitude: an attitude controller; None with an autopilot on board, or if no attitude is commanded.
+        sensor_signals: names of the sensor signals in the observation.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
@@ -222,7 +232,7 @@ def build_policy_control(
         systems.append(thrust_vectoring)
     if attitude is not None:
         systems.append(builder.AddNamedSystem("attitude", attitude))
-    connect_inputs(builder, systems, sources, exported=_EXPORTED_INPUTS)
+    connect_inputs(builder, systems, sources, exported=(*_EXPORTED_INPUTS, *sensor_signals))
     if commanded is None:
         builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
     else:

@@ -71,6 +71,10 @@ class Control(Model):
         """Return the preview times of the control: it reads the reference at these times after the present, s."""
         return ()
 
+    def sensor_signals(self) -> tuple[str, ...]:
+        """Return the names of the sensor signals that the control reads, such as `accelerometer`."""
+        return ()
+
     def contains_user_system(self) -> bool:
         """Return whether the control contains a user's Python system."""
         return False

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.control.policy import systems as policies
 from drake_quad.control.policy.observation import ObservationParameters
+from drake_quad.errors import join_names
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, AnyAction
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AnyAttitudeController
@@ -18,6 +19,7 @@ from drake_quad.scenario.networks.learned import allow_file_name
 from drake_quad.scenario.policies.observation import ObservationSettings
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 from drake_quad.scenario.setting import ControlSetting
+from drake_quad.signals import valid_signal
 
 
 @CONTROLS.register
@@ -58,8 +60,15 @@ class PolicyControl(Control):
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the action does not fit the autopilot, or the observation the obstacles."""
+        """Raise a validation error if the action does not fit the autopilot, or the observation the laboratory."""
         self.action.check_fits(scenario)
+        sensors = scenario.laboratory.named_sensors
+        available = {*sensors, *map(valid_signal, sensors)}
+        for index, name in enumerate(self.observation.signals):
+            if name in self.sensor_signals() and name not in available:
+                whose = f"whose signals are {join_names(sorted(available))}" if available else "which is empty"
+                demand = f"must be a signal of a sensor in laboratory.sensors, {whose}"
+                raise scenario.field_error(demand, "control", "observation", "signals", index)
         if "clearance" in self.observation.signals and not (scenario.space and scenario.space.obstacles):
             demand = "must not contain clearance, which is infinite without obstacles in `space`"
             raise scenario.field_error(demand, "control", "observation", "signals")
@@ -101,7 +110,12 @@ class PolicyControl(Control):
             state_source=self.observation.state_source,
             thrust_vectoring=systems.get("thrust_vectoring"),
             attitude=systems.get("attitude"),
+            sensor_signals=self.observation.spec().sensor_signals,
         )
+
+    def sensor_signals(self) -> tuple[str, ...]:
+        """Return the names of the sensor signals that the policy observes."""
+        return self.observation.spec().sensor_signals
 
     def limits(self) -> ThrustVectoringSettings:
         """Return the limits of thrust vectoring."""

@@ -8,19 +8,19 @@ from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS, Frame, Obs
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import FixedMoment, HalfTurn
+from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.signals import Row
 from drake_quad.space.space import Space
-
-SignalName = Literal[tuple(OBSERVABLE_SIGNALS)]  # type: ignore[valid-type] # the names are the keys of a table
 
 
 class ObservationSettings(Model):
     """Quantities that a policy observes at each control tick."""
 
-    signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
+    signals: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
         description="observed signals, in the order of their components; the page Systems lists the components and"
-        " units of each signal",
+        " units of each signal. The signals of the sensors in `laboratory.sensors` can also be observed, such as"
+        " `accelerometer` or `gnss_valid`",
     )
     state_source: Literal["measurement", "state"] = Field(
         default="measurement",
@@ -48,6 +48,10 @@ class ObservationSettings(Model):
 
     @model_validator(mode="after")
     def _complete(self) -> "ObservationSettings":
+        for index, name in enumerate(self.signals):
+            if name not in OBSERVABLE_SIGNALS and not SENSORS.has_signal(name):
+                demand = f"must be {', '.join(OBSERVABLE_SIGNALS)}, or a signal of a sensor"
+                raise self.field_error(demand, "signals", index)
         if len(set(self.signals)) < len(self.signals):
             raise self.field_error("must name each signal once", "signals")
         if ("reference_ahead" in self.signals) != bool(self.ahead):

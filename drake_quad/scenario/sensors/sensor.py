@@ -17,7 +17,7 @@ from drake_quad.scenario.quantities import Period, Ticks, any_nonzero, max_ticks
 from drake_quad.scenario.sensors.aiding import AidingSensor
 from drake_quad.scenario.sensors.fault import AnyFault
 from drake_quad.scenario.unions import OpenUnion
-from drake_quad.signals import SIGNALS, Valid, valid_signal
+from drake_quad.signals import SIGNALS, Valid, valid_signal, without_number
 
 _Member = TypeVar("_Member", bound=type[Model])
 
@@ -113,6 +113,10 @@ class _SensorUnion(OpenUnion):
     def signals(self) -> list[str]:
         """Names of the signals that sensors can have."""
         return [each for name in self.members for each in (name, valid_signal(name))]
+
+    def has_signal(self, name: str) -> bool:
+        """Return whether a sensor can have a signal of this name, which may end with a number, as in `gnss_valid_2`."""
+        return without_number(name) in self.signals
 
     def _name_of(self, model: type[Any]) -> str:
         name = super()._name_of(model)
