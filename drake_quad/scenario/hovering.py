@@ -64,7 +64,7 @@ def in_hover(scenario: Scenario) -> Scenario:
         "vehicle.battery_sag": 0.0,
         **{f"vehicle.{name}": effect.in_hover() for name, effect in scenario.vehicle.effects().items()},
         "laboratory.wind": tuple([source for source in scenario.laboratory.wind if not source.depends_on_time]),
-        "laboratory.estimator": laboratory.estimator.with_explicit_noise(laboratory),
+        "laboratory.estimator": laboratory.estimator.with_explicit_noise(laboratory).in_hover(),
         "laboratory.sensors": tuple(
             [
                 sensor.in_hover()

@@ -13,7 +13,12 @@ from drake_quad.scenario.models import Laboratory, Vehicle
 
 MAX_MAGNITUDE = 1e9
 DECLARED_QUANTITIES = {(model, path): each for model in (Vehicle, Laboratory) for path, each in quantities_in(model)}
-TESTED_KINDS = {"motors": ["throttle"], "layout": ["x"], "autopilot": [*AUTOPILOTS.members]}
+TESTED_KINDS = {
+    "motors": ["throttle"],
+    "layout": ["x"],
+    "autopilot": [*AUTOPILOTS.members],
+    "estimator": ["error_state_filter", "complementary_filter"],
+}
 for_each_quantity = pytest.mark.parametrize(
     ("model", "path", "declared"),
     [(*key, each) for key, each in DECLARED_QUANTITIES.items()],
@@ -104,6 +109,7 @@ def test_declarations_agree_with_the_fields():
         "motion_capture",
         "command_link",
         "autopilot",
+        "estimator",
     }
 
 

@@ -12,8 +12,8 @@ from drake_quad.scenario.estimators.estimator import ESTIMATORS
 from drake_quad.scenario.estimators.inertial import (
     AIDING_DESCRIPTION,
     InertialEstimator,
+    InitialEstimate,
     aiding_sensor,
-    exact_estimate,
 )
 from drake_quad.scenario.quantities import FixedSpan
 from drake_quad.signals import State
@@ -37,12 +37,13 @@ class UnweightedAiding(Model):
 class ComplementaryFilterSettings(InertialEstimator):
     """Complementary filter on board: a simple alternative to a Kalman filter, with fixed gains.
 
-    The estimate begins with the true state. Latencies and the positions of the sensors are ignored.
+    By default, the estimate begins with the true state. Latencies and the positions of the sensors are ignored.
     """
 
     kind: Literal["complementary_filter"]
     aiding: dict[str, UnweightedAiding] | None = Field(default=None, description=AIDING_DESCRIPTION)
     time_constants: TimeConstantSettings = TimeConstantSettings()
+    initial_estimate: InitialEstimate = InitialEstimate()
     default_aiding: ClassVar = UnweightedAiding()
 
     def recipe(self, scenario: Any, fleet: Any, start: State) -> Recipe:
@@ -52,7 +53,7 @@ class ComplementaryFilterSettings(InertialEstimator):
         parameters = ComplementaryParameters(
             record_like(TimeConstants, self.time_constants),
             tuple([each.fleet.aiding_parameters((1.0,) * each.settings.num_components) for each in sources.values()]),
-            exact_estimate(start),
+            self.first_estimate(fleet, start),
             gravity=scenario.nominal.gravity,
         )
         aiding = tuple([aiding_sensor(name, each.settings, period) for name, each in sources.items()])

@@ -16,8 +16,8 @@ from drake_quad.scenario.estimators.inertial import (
     AIDING_DESCRIPTION,
     INERTIAL_SENSORS,
     InertialEstimator,
+    InitialEstimate,
     aiding_sensor,
-    exact_estimate,
     none_if_zero,
     path_of,
 )
@@ -71,7 +71,7 @@ class InitialDeviation(Model):
 class ErrorStateFilterSettings(InertialEstimator):
     """Error-state Kalman filter on board, which integrates inertial sensors and is corrected by other sensors.
 
-    The estimate begins with the true state and without biases.
+    By default, the estimate begins with the true state and without biases.
     """
 
     kind: Literal["error_state_filter"]
@@ -89,6 +89,7 @@ class ErrorStateFilterSettings(InertialEstimator):
         default=None, description="assumed random walk of the bias (m/s²/√s); by default, that of the accelerometer"
     )
     initial_deviation: InitialDeviation = InitialDeviation()
+    initial_estimate: InitialEstimate = InitialEstimate()
     default_aiding: ClassVar = AidingSettings()
 
     def recipe(self, scenario: Any, fleet: Any, start: State) -> Recipe:
@@ -129,7 +130,7 @@ class ErrorStateFilterSettings(InertialEstimator):
                 *[deviation.accelerometer_bias] * 3,
             ),
             tuple(parameters),
-            exact_estimate(start, from_centre),
+            self.first_estimate(fleet, start, from_centre),
             gravity=scenario.nominal.gravity,
             imu=from_centre,
         )

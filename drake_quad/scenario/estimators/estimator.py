@@ -47,6 +47,10 @@ class Estimator(Model):
         """
         return self
 
+    def in_hover(self) -> "Estimator":
+        """Return the estimator without errors of its initial estimate."""
+        return self
+
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the estimator does not fit the sensors of its `Scenario`."""
 

@@ -1,16 +1,18 @@
 """Base class of estimators on board, which integrate gyroscope and accelerometer."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from drake_quad.estimation.error_state_filter import Aiding
-from drake_quad.estimation.estimate import Estimate
+from drake_quad.estimation.estimate import ErrorState, Estimate, add_error
 from drake_quad.geometry.axes import BodyAxes, Vector, cross, plus
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.estimators.estimator import Estimator
+from drake_quad.scenario.quantities import Direction, Position
 from drake_quad.signals import State
 
 MOTION_CAPTURE = "motion_capture"
@@ -19,6 +21,34 @@ AIDING_DESCRIPTION = (
     "sensors that correct the estimate, by the names of their ports; `motion_capture` is position and attitude from the"
     " cameras. By default, all sensors on board are used, and motion capture is not"
 )
+
+
+class InitialEstimate(Model):
+    """Initial estimate. By default, it is the true state, and the sensors are assumed to have no biases."""
+
+    position_error: Position = Field(
+        default=(0.0, 0.0, 0.0), description="estimated minus true position along X, Y and Z of W (m)"
+    )
+    velocity_error: Position = Field(
+        default=(0.0, 0.0, 0.0), description="estimated minus true velocity along X, Y and Z of W (m/s)"
+    )
+    rotation_error: Annotated[tuple[Direction, Direction, Direction], Field(strict=False)] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="rotation vector from the true to the estimated attitude along X, Y and Z of W (rad)",
+    )
+    gyroscope_bias: Position = Field(
+        default=(0.0, 0.0, 0.0), description="estimated bias of the gyroscope along the axes of B (rad/s)"
+    )
+    accelerometer_bias: Position = Field(
+        default=(0.0, 0.0, 0.0), description="estimated bias of the accelerometer along the axes of B (m/s²)"
+    )
+
+    def of(self, exact: Estimate) -> Estimate:
+        """Return the initial estimate, given the exact estimate without biases."""
+        vectors = [getattr(self, name) for name in InitialEstimate.model_fields]
+        if not np.any([np.any(np.not_equal(each, 0.0)) for vector in vectors for each in vector]):
+            return exact
+        return add_error(exact, ErrorState(*[Vector(*vector) for vector in vectors]))
 
 
 class AidingSource(NamedTuple):
@@ -42,12 +72,14 @@ class InertialEstimator(Estimator):
         aiding: settings of the estimator for each sensor that corrects the estimate, by port name; None to use all
             sensors on board with `default_aiding`.
         default_aiding: default settings of the estimator for a sensor.
+        initial_estimate: estimate at time 0.
     """
 
     integrates_sensors: ClassVar = True
     default_aiding: ClassVar[Model]
-    if TYPE_CHECKING:  # at runtime, this annotation would change the order of the fields of subclasses
+    if TYPE_CHECKING:  # at runtime, these annotations would change the order of the fields of subclasses
         aiding: dict[str, Any] | None
+        initial_estimate: InitialEstimate
 
     @property
     def reads_motion_capture(self) -> bool:
@@ -69,6 +101,21 @@ class InertialEstimator(Estimator):
         every = cameras | {name: (sensors[name], drawn[name]) for name in sensors}
         names = [*self.aiding] if self.aiding is not None else [name for name in sensors if sensors[name].aids]
         return {name: AidingSource(every[name][0], every[name][1], self.aiding_settings(name)) for name in names}
+
+    def first_estimate(self, fleet: Any, start: State, imu: Vector | None = None) -> Estimate:
+        """Return the initial estimate of a fleet's filters.
+
+        Args:
+            fleet: scenario of the fleet.
+            start: true state of the vehicles at time 0.
+            imu: position of the inertial sensors relative to the centre of mass, m; None if they are there.
+        """
+        initial: InitialEstimate = fleet.laboratory.estimator.initial_estimate
+        return initial.of(exact_estimate(start, imu))
+
+    def in_hover(self) -> "InertialEstimator":
+        """Return the estimator with an exact initial estimate."""
+        return self.model_copy(update={"initial_estimate": InitialEstimate()})
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if a sensor is missing, or if the estimator cannot use it."""
