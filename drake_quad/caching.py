@@ -30,7 +30,7 @@ class ThreadSafeCache(Generic[Value]):
         return len(self._values)
 
     def clear(self) -> None:
-        """Delete all values."""
+        """Delete all values from the cache."""
         with self._lock:
             self._values.clear()
 

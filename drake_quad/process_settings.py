@@ -16,7 +16,7 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
-_STDERR_DESCRIPTOR = 2
+_STDERR_DESCRIPTOR = 2  # file descriptor of the standard error stream
 
 
 class ProcessSetting:

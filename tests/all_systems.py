@@ -236,7 +236,7 @@ class Example(NamedTuple):
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
 
-PD_GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
+PD_GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))  # 1/s² and 1/s, for X, Y and Z
 PD_ATTITUDE = AttitudeParameters(
     k_p=PerAngle(17.0, 14.0, 5.0), k_d=PerAngle(7.5, 6.8, 3.1), i_xx=0.0065, i_yy=0.0085, i_zz=0.0126
 )
@@ -244,7 +244,7 @@ INCREMENTAL_ATTITUDE = IncrementalAttitudeParameters(
     attitude=PD_ATTITUDE, law=IncrementalLaw(6.1), lag=0.07, limit=41.0
 )
 AXIS_LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
-START_POSITION = PerAxis(0.3, -0.2, 1.1)
+START_POSITION = PerAxis(0.3, -0.2, 1.1)  # m
 KALMAN_ESTIMATOR = EstimatorParameters(
     laws=(
         KalmanLaw(time_constant=0.4, gain=KalmanMemory(position=0.31, velocity=2.2, disturbance=5.1)),
@@ -345,7 +345,7 @@ JETS = (
         turbulence=0.25,
     ),
 )
-GUST = GustParameters(velocity=Wind(1.0, 2.0, 3.0), start=1.1, rise_time=2.2, hold_time=3.3)
+GUST = GustParameters(velocity=Wind(1.0, 2.0, 3.0), start=1.1, rise_time=2.2, hold_time=3.3)  # m/s and s
 CAMERA_PARAMETERS = CameraParameters(
     position_noise=1e-3,
     attitude_noise=4e-3,
@@ -441,7 +441,7 @@ CIRCULAR_ANTECEDENTS = ANTECEDENTS._replace(
     inputs=(ANTECEDENTS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7)))
 )
 LEARNING_LIMITS = LearningLimits(weight=0.9, deadzone=0.01, leakage=0.02)
-NOISE_SAMPLES = Samples(3, (5, 6))
+NOISE_SAMPLES = Samples(3, (5, 6))  # seed, and the indices of the samples of two vehicles
 RANDOM_STREAMS = (
     Stream(name="here", kind=StreamKind.WIND, num_rows=3, distribution=RandomDistribution.kGaussian, period=0.01),
     Stream(name="there", kind=StreamKind.NOISE, num_rows=1, distribution=RandomDistribution.kUniform, period=0.02),
@@ -492,7 +492,7 @@ FAULTY_ACCELEROMETER_STRUCTURE = {
     "errors": InertialErrors._fields,
     "fault": FaultKind(is_reported=True, is_random=True),
 }
-SENSOR_POSITION = SensorPosition(0.04, -0.03, 0.06)
+SENSOR_POSITION = SensorPosition(0.04, -0.03, 0.06)  # m, relative to the centre of mass
 OTHER_SENSORS = {
     "gyroscope": (
         GYROSCOPE,
@@ -580,7 +580,7 @@ OTHER_SENSORS = {
 LOSSY_LINK = {"longest_delay": 3, "loses_packets": True}
 
 
-THRUST_RANGE = ThrustRange(min_thrust=2.0, max_thrust=12.0)
+THRUST_RANGE = ThrustRange(min_thrust=2.0, max_thrust=12.0)  # N
 RATES_SCALE = RatesScale(
     thrust=THRUST_RANGE,
     rates=BodyRates(5.0, 4.0, 2.0),
@@ -610,7 +610,7 @@ HEADING_OBSERVATION = {
     "spec": ObservationSpec(signals=("velocity", "rotation"), frame="reference_heading"),
     "num_actions": 3,
 }
-ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)
+ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)  # m/s²
 OBSERVATION_STRUCTURE = {"spec": OBSERVATION_SPEC, "num_actions": 3, "num_ahead": 2}
 
 
@@ -689,7 +689,7 @@ MPC_STRUCTURE: dict[str, Any] = {
     "corridor": Corridor(PerAxis(-0.3, -0.4, -np.inf), PerAxis(0.2, np.inf, 0.1), follows_reference=True, weight=20.0),
 }
 TARGET_REGULATORS = {"lateral": _regulator(TARGET_LQG.lateral), "vertical": _regulator(TARGET_LQG.vertical)}
-GROUND_EFFECT = Effects(ground_effect=GroundEffect(rotor_radius=0.11, ground_height=0.05))
+GROUND_EFFECT = Effects(ground_effect=GroundEffect(rotor_radius=0.11, ground_height=0.05))  # m
 FILTER = FilterParameters(
     InertialNoise(0.011, 0.12, 0.0013, 0.0014),
     EstimateDeviation(*(0.3 + 0.02 * np.arange(15)).tolist()),

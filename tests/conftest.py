@@ -209,5 +209,5 @@ def unrendered_figures(monkeypatch):
 
 
 def _write_blank(file) -> None:
-    """Write a blank picture."""
+    """Write a blank picture in place of a figure."""
     Image.new("RGB", (8, 8)).save(file, format="png")

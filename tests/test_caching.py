@@ -81,7 +81,7 @@ def test_a_full_cache_drops_its_oldest_value():
 
 
 class Setting:
-    """Context manager that changes a setting and restores its previous value."""
+    """Context manager that changes a process-wide setting and restores its previous value."""
 
     value = "usual"
 

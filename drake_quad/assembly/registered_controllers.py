@@ -77,7 +77,7 @@ class RegisteredPositionController(_UserSystemSettings, PositionController):
     is_user_system: ClassVar = True
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the system."""
+        """Return the recipe that builds the user's Python system, keyed by its role."""
         return {"position": _recipe(self)}
 
 
@@ -87,11 +87,11 @@ class RegisteredControl(_UserSystemSettings, Control):
     network: ClassVar = None
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the system."""
+        """Return the recipe that builds the user's Python system, keyed by its role."""
         return {"system": _recipe(self)}
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return a diagram that contains the system and exports its ports."""
+        """Return a diagram that contains only the user's system, and exports the ports of this system."""
         system, builder = systems["system"], DiagramBuilder()
         builder.AddNamedSystem("system", system)
         for port in map(system.get_input_port, range(system.num_input_ports())):
@@ -101,7 +101,7 @@ class RegisteredControl(_UserSystemSettings, Control):
         return build(builder, "control")
 
     def contains_user_system(self) -> bool:
-        """Return True."""
+        """Return True, since the control is a user's Python system."""
         return True
 
     def limits(self) -> ThrustVectoringSettings:

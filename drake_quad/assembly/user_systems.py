@@ -85,7 +85,7 @@ PORTS = {
     "wind": SystemPorts(("state",), "wind", named=False, all_inputs=False),
     "policy": SystemPorts(("observation",), "action", named=False, all_inputs=False),
 }
-"""Ports of the user's systems, keyed by attribute name in `UserSystems`."""
+"""Drake ports of the systems that a user can pass, keyed by attribute name in `UserSystems`."""
 
 
 def check_user_systems(

@@ -39,11 +39,11 @@ from drake_quad.scenario.paths import distributions_in, map_leaves
 
 _MAX_GAP = 0.1  # a larger relative gap between the stable and the failing scale causes a remark
 _INITIAL_ERROR = 0.1  # m and rad, initial error of the flight that shows an instability
-# A flight that shows an instability lasts this many growth time constants, within the limits below.
+# Duration of a flight that shows an instability: this many growth time constants, but within the two limits.
 _NUM_GROWTH_TIMES = 5.0
-_MIN_FLIGHT_SECONDS = 20.0
-_MAX_FLIGHT_SECONDS = 300.0
-_NO_EQUILIBRIUM_SECONDS = 10.0  # duration of the flight that shows a loop without an equilibrium
+_MIN_FLIGHT_SECONDS = 20.0  # s, shortest flight that shows an instability
+_MAX_FLIGHT_SECONDS = 300.0  # s, longest flight that shows an instability
+_NO_EQUILIBRIUM_SECONDS = 10.0  # s, duration of the flight that shows a loop without an equilibrium
 
 
 def options() -> argparse.ArgumentParser:
@@ -184,7 +184,7 @@ def _flight_seconds(growth_time: float) -> float:
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
-    """Print the stable and the failing scales, and the parameters at the scales at which hover fails."""
+    """Print the scales up to which hover is stable and from which it fails, and the parameters at which it fails."""
     print_scales(scenario.name, found)
     failures = {"unstable": found.unstable, "no equilibrium": found.without_equilibrium}
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
@@ -209,10 +209,10 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
 
 
 def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Path]:
-    """Write a table of the stable and the failing scales, and a table of the parameters.
+    """Write a table of the scales up to which hover is stable and from which it fails, and a table of the parameters.
 
-    The second table contains the certified range of each parameter, and the values of all parameters at the scales at
-    which hover fails.
+    All ranges of random parameters are multiplied by the scale. The second table contains the certified range of each
+    parameter, and the values of all parameters at the scales at which hover fails.
     """
     scales = {
         "stable_up_to_scale": found.stable_scale,

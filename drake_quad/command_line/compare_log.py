@@ -148,7 +148,7 @@ def verdict(comparison: LogComparison) -> str:
 
 
 def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
-    """Write the table, the plot, a replay of both flights, and the scenario, and return the paths of the files."""
+    """Write table, plot and replay of both flights, and their scenario, and return the paths of the files."""
     # Matplotlib takes half a second to import, so it is imported only when there is something to draw.
     from drake_quad.visualization.log_comparison_plots import plot_log_comparison
     from drake_quad.visualization.replay.page import save_replay

@@ -31,6 +31,7 @@ from drake_quad.identification.logged_estimate import (
 from drake_quad.logs.reading import read_log
 from drake_quad.statistics.interval import plus_minus
 
+# Smallest and largest value of each option: a number of samples, and standard deviations in m and rad.
 _OPTION_RANGES = {"skip": (0, 1000), "position_noise": (1e-6, 10.0), "attitude_noise": (1e-6, 1.0)}
 # Names of the errors in the table, with their factors and units.
 _COLUMNS = (("position", 1e3, "mm"), ("velocity", 1e2, "cm/s"), ("tilt", 1e3, "mrad"), ("yaw", 1e3, "mrad"))

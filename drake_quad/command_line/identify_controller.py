@@ -22,7 +22,8 @@ from drake_quad.logs.reading import read_log
 from drake_quad.scenario.files.loading import Override
 from drake_quad.statistics.interval import plus_minus
 
-# Description of each form of a position law, which relates its output to the commands of attitude and thrust.
+# Description of each form of a position law. The form determines how the output of the law is converted to commands of
+# attitude and thrust.
 _FORM_DESCRIPTIONS = {
     "acceleration": "thrust along the commanded attitude",
     "heading": "thrust along the commanded roll and pitch at the measured yaw",

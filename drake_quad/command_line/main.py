@@ -74,7 +74,7 @@ def main(*first_arguments: str) -> None:
     # Two BLAS threads can take a hundred times as long as one for small matrices. NumPy and SciPy read this variable
     # when they are imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # This import makes Ctrl-C end the command without a traceback.
+    # The import of `running` makes Ctrl-C end the command without a traceback.
     from drake_quad.command_line.running import orderly_exit, run
 
     with orderly_exit():

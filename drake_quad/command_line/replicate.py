@@ -58,12 +58,12 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def load(cell: Cell) -> Scenario:
-    """Load the scenario of a cell of Table II."""
+    """Load the scenario of a cell (a combination of controller and wind) of the paper's Table II."""
     return load_scenario(f"paper:{cell.scenario}")
 
 
 def print_errors(entries: Sequence[TableEntry]) -> None:
-    """Print the simulated errors of Table II beside the errors in the paper."""
+    """Print the simulated errors beside the errors in Table II of the paper."""
     rows = [
         (
             WINDS[entry.cell.wind],

@@ -120,7 +120,7 @@ def parse_percent(text: str) -> float:
 
 
 def print_risk(risk: Risk, name: str, seconds: float) -> None:
-    """Print the estimate, and the random numbers of the samples at which the event occurs."""
+    """Print the estimated probability, and the random numbers of the samples at which the event occurs."""
     probability = risk.probability
     text = f"{probability.value:.2g} [{probability.low:.1e}, {probability.high:.1e}]"
     if probability.value > _MAX_SCIENTIFIC:

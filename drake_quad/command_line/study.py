@@ -225,7 +225,7 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
 
 
 def print_rules(rules: Sequence[StoppingRule], study: Study) -> None:
-    """Print the estimate of each stopping rule, with an interval that stays valid when the rule ends the study."""
+    """Print the estimate of each stopping rule. Its interval stays valid when the rule ends the study."""
     for rule in rules:
         met = "" if rule.is_met(study.metrics) else "; not precise enough for --until"
         print(f"{rule.quantity}: {rule.text(study.metrics)}, confidence sequence{met}")

@@ -200,7 +200,7 @@ def _results(computation: Computation, view: BlockView) -> list[Rows]:
 
 
 def _group_number(group: StateGroup) -> int:
-    """Return the number of a discrete state group."""
+    """Return the index of a discrete state group in the context of its system."""
     return int(group.index)  # type: ignore[arg-type]
 
 

@@ -237,7 +237,7 @@ class CompiledSystem(LeafSystem):
         return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
     def _run_now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
-        """Run the event at the context's time, and return its log."""
+        """Run an event of the compiled diagram at the time of the context, and return the values that it logs."""
         shared = self._shared_at(event, context.get_time())[None]
         return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
 

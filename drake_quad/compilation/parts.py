@@ -9,10 +9,9 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers of two further groups of rows, the precomputed results and the log. The numbers of the other groups, `STATE`,
-# `PARAMETERS` and `INPUTS`, are in `trace.py`.
-PRECOMPUTED = 3
-LOG = 4
+# Each group of rows has a number. The numbers of the groups `STATE`, `PARAMETERS` and `INPUTS` are in `trace.py`.
+PRECOMPUTED = 3  # number of the group of precomputed results
+LOG = 4  # number of the group of logged results
 # Size of a cache line of the processor, bytes. Array addresses are multiples of this size.
 CACHE_LINE = 64
 # Names and arguments of the LLVM functions that compute the two parts of an event.
@@ -174,7 +173,7 @@ class _RemainingPart(_PartialCopy):
 
 
 def _are_fixed(listing: Listing) -> list[bool]:
-    """Return a mask of the lines that depend only on parameters and constants."""
+    """Return, for each line of a listing, whether the line depends only on parameters and constants."""
     fixed: list[bool] = []
     for operation in listing.operations:
         name, operands = operation.name, operation.operands

@@ -100,7 +100,7 @@ class Program:
 
     @property
     def uncompiled(self) -> dict[str, Any]:
-        """Leaf systems that are not compiled, by path."""
+        """Leaf systems of the diagram that are not compiled, keyed by path."""
         return {path: system for path, system in self.topology.leaves.items() if path not in self.blocks}
 
     @property
@@ -309,7 +309,7 @@ class Program:
 
     @functools.cached_property
     def signature(self) -> tuple[Any, ...]:
-        """Hashable key. Diagrams with equal keys have the same machine code."""
+        """Hashable key of the program. Diagrams with equal keys have the same machine code."""
         leaves = self.topology.leaves
         blocks = tuple(
             [(path, block.signature, tuple(self.topology.sources(path))) for path, block in self.blocks.items()]

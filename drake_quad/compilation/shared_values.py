@@ -46,7 +46,7 @@ class SharedValues:
 
     @property
     def width(self) -> int:
-        """Number of columns."""
+        """Number of columns of the table."""
         return len(self._columns)
 
     def column(self, instant: int, value: _SharedValue) -> int:

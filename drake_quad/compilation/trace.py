@@ -99,7 +99,7 @@ class Trace:
         return after
 
     def next_instant(self) -> None:
-        """Proceed to the next instant."""
+        """Proceed to the next instant of the event."""
         self.instant += 1
         self._outputs.clear()
 

@@ -110,5 +110,5 @@ class AttitudeController(FleetSystem):
     """
 
     def declare(self, *, parameters: AttitudeParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         self.output("torque", attitude_law, *attitude_inputs(self))

@@ -33,7 +33,7 @@ def _target_axes(measurement: State, attitude: Attitude) -> BodyAxes:
 
 
 def _rotation_error(target_axes: BodyAxes) -> Vector:
-    """Return e_R = ½ (R_dᵀ R - Rᵀ R_d)^∨, from the antisymmetric part of Rᵀ R_d."""
+    """Return the rotation error ½ (R_dᵀ R - Rᵀ R_d)^∨, which follows from the antisymmetric part of Rᵀ R_d."""
     return Vector(
         0.5 * (target_axes.z.y - target_axes.y.z),
         0.5 * (target_axes.x.z - target_axes.z.x),
@@ -154,7 +154,7 @@ class GeometricAttitudeController(FleetSystem):
     """
 
     def declare(self, *, transports: bool = True, parameters: AttitudeParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         self.output("torque", geometric_law, *attitude_inputs(self), transports)
 
 
@@ -198,7 +198,7 @@ class IntegratingAttitudeController(FleetSystem):
         transports: bool = True,
         parameters: IntegratingAttitudeParameters,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
         integral = self.state("integral", lambda _: AngularAcceleration(0.0, 0.0, 0.0))
         before = integral, measurement, attitude, parameter

@@ -118,7 +118,7 @@ class IncrementalAttitudeController(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: IncrementalAttitudeParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
         memory = self.state("memory", lambda parameters: (parameters.law.initial_memory(0.0),) * 3)
         modelled_response = self.state("modelled_response", lambda _: ZERO_COMMANDS)

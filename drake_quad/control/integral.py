@@ -65,7 +65,7 @@ class IntegralCorrection(FleetSystem):
     def declare(
         self, *, period: float = 0.02, integration: Integration = "forward_euler", parameters: IntegralGains
     ) -> None:
-        """Declare ports, state and parameters."""
+        """Declare the ports, state and parameters of this system."""
         error, gains = self.input("error"), self.parameter("gains", lambda gains: gains)
         correction = self.state("correction", lambda _: Acceleration(0.0, 0.0, 0.0))
         reads = correction, error, gains, period

@@ -50,7 +50,7 @@ class PdOutput(NamedTuple):
 def pd_law(
     measurement: State, reference: Reference, gains: PdGains, derivative: Derivative, feeds_forward: bool
 ) -> PdOutput:
-    """Return the signals of the PD law τ_c = k_P e + k_D ė, eq (8).
+    """Return the signals of the PD law τ_c = k_P e + k_D ė, eq (8) of the paper.
 
     Args:
         measurement: measured state of the vehicle.
@@ -79,7 +79,7 @@ def pd_law(
 
 @fleet_system(float, AutoDiffXd)
 class ProportionalDerivative(FleetSystem):
-    """The PD law, eq (8).
+    """The PD law, eq (8) of the paper.
 
     .. pydrake_system::
 
@@ -102,7 +102,7 @@ class ProportionalDerivative(FleetSystem):
     def declare(
         self, *, derivative: Derivative = "tracking_error", feeds_forward: bool = False, parameters: PdGains
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         measurement, reference = self.input("measurement"), self.input("reference")
         gains = self.parameter("gains", lambda gains: gains)
         reads = measurement, reference, gains, derivative, feeds_forward
@@ -112,7 +112,7 @@ class ProportionalDerivative(FleetSystem):
 def build_position_controller(
     pd: Any, *, integral: Any = None, disturbance: Any = None, takes_correction: bool = False
 ) -> Diagram:
-    """Build the diagram `position`: command = `pd` - `correction` + feed-forward - `disturbance`, cf. eq (14).
+    """Build the diagram `position`: command = `pd` - `correction` + feed-forward - `disturbance`.
 
     .. pydrake_system::
 

@@ -1,4 +1,4 @@
-"""Thrust vectoring: from a commanded acceleration to thrust and attitude by eq (7), at any yaw and within limits.
+"""Thrust vectoring: thrust and attitude for an acceleration by the paper's eq (7), at any yaw and within limits.
 
 Equation numbers refer to Kayacan and Maslim (2016), unless another paper is named.
 """
@@ -47,7 +47,7 @@ class ThrustLimits(NamedTuple):
 
     Attributes:
         tan_max_tilt: tangent of the largest angle between thrust and vertical.
-        min_thrust: smallest vertical thrust. It keeps u_z + g well above zero, where eq (7) is singular.
+        min_thrust: smallest vertical thrust. It keeps u_z + g well above zero, where eq (7) of the paper is singular.
         max_thrust: largest thrust.
     """
 
@@ -163,7 +163,7 @@ def _alignment(tilt: ThrustTilt, measurement: State, sin_yaw: Row, cos_yaw: Row)
 
 @fleet_system(float, AutoDiffXd)
 class ThrustVectoring(FleetSystem):
-    """Thrust and attitude for a commanded acceleration, eq (7).
+    """Thrust and attitude for a commanded acceleration, eq (7) of the paper.
 
     .. pydrake_system::
 
@@ -202,7 +202,7 @@ class ThrustVectoring(FleetSystem):
     def declare(
         self, *, projects: bool = False, sequence: EulerSequence = "zyx", parameters: VectoringParameters
     ) -> None:
-        """Declare ports and parameters."""
+        """Declare the ports and parameters of this system."""
         parameter = self.parameter("parameters", lambda parameters: parameters)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")

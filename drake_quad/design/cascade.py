@@ -69,7 +69,7 @@ class CascadeDesign:
 
     @property
     def all_loops(self) -> dict[str, LoopDesign]:
-        """All loops: first the loops on board, then the loops on the ground."""
+        """All loops of the cascade: first the loops on board, then the loops on the ground."""
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:

@@ -49,7 +49,7 @@ _NUM_CELLS_AT_ONCE = 16  # number of cells that are divided at the same time
 _MAX_CORNERS = 64  # largest number of corners of the ranges from which the search starts
 _NUM_CANDIDATES = 48  # number of random directions that each round of the search tests
 _NUM_ROUNDS = 4  # number of rounds of the search, after the bisection along the directions of the corners
-_NUM_BISECTIONS = 7
+_NUM_BISECTIONS = 7  # number of bisections between a stable and a failing scale
 _MIN_SCALE = 1e-3  # smallest scale at which the search looks for unstable loops
 # Scale at which a round tests loops in its directions, relative to the smallest scale so far at which a loop is
 # unstable or has no equilibrium.

@@ -42,8 +42,8 @@ _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
 # counts as unstable if an entry exceeds `_DIVERGED_ENTRY`, or if an entry is still not below `_CONVERGED_ENTRY` for the
 # exponent 2²⁹. The magnitude of the slowest pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
-_CONVERGED_ENTRY = 1e-12
-_DIVERGED_ENTRY = 1e50
+_CONVERGED_ENTRY = 1e-12  # a matrix power whose entries are all smaller has converged to zero
+_DIVERGED_ENTRY = 1e50  # a matrix power with a larger entry has diverged
 _UNSTABLE_LOG_COST = 100.0  # far above the logarithm of the cost of any stable loop
 
 

@@ -47,7 +47,7 @@ class MappedGains(NamedTuple):
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Labels of the two gains: symbol and unit."""
+        """Labels of the two mapped gains, with symbol and unit."""
         first, second = (f"{symbol} ({unit})" for symbol, unit in zip(self.symbols, self.units, strict=True))
         return first, second
 
@@ -68,7 +68,7 @@ class StabilityMap(NamedTuple):
 
     @property
     def stable(self) -> np.ndarray:
-        """Mask of the gains for which all poles lie inside the unit circle."""
+        """Mask of the mapped gains: True where all closed-loop poles lie inside the unit circle."""
         return self.size < 1.0 - 1e-9  # rounding moves the pole of an integrator slightly to either side of 1
 
 

@@ -1,11 +1,12 @@
 """Tuning of a controller's parameters to the smallest error on training samples, subject to a stability limit.
 
 All controllers are tuned with the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P.
-Kroese, "The cross-entropy method", 2004) over the logarithms of the parameters. In each round a fleet simulates points
-of a normal distribution on the training samples, and the best quarter of them determines the next distribution.
-Evaluating the stability limit requires a linear model of the loop, which takes as long as a thousand flights. The limit
-is therefore evaluated only at a few of the best points in each round, and radial basis functions predict it for all
-other points. Three local searches from the best point follow, which evaluate the limit at every step.
+Kroese, "The cross-entropy method", 2004) over the logarithms of the parameters. In each round, sets of parameters
+(points) are drawn from a normal distribution. Every point is simulated on all training samples, and the best quarter of
+the points determines the next distribution. Evaluating the stability limit requires a linear model of the loop, which
+takes as long as a thousand flights. The limit is therefore evaluated only at a few of the best points in each round,
+and radial basis functions predict it for all other points. Three local searches from the best point follow. They
+evaluate the limit at every step.
 """
 
 import functools
@@ -301,19 +302,19 @@ class _Trial:
         self.min_deviation = _MIN_DEVIATION / self._width
 
     def values(self, point: np.ndarray) -> tuple[float, ...]:
-        """Return the parameter values at a point."""
+        """Return the values of the tuned parameters at a point of the search space."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point at which the parameters have given values."""
+        """Return the point of the search space at which the tuned parameters have given values."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
-        """Return the first scenario with the parameter values of a point."""
+        """Return the first training scenario with the parameter values of a point."""
         return with_parameter_values(self._scenarios[0], self._parameters, self.values(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
-        """Return the mean error of the candidate at each point, (count,), m."""
+        """Return the mean error (count,) over all training samples of the candidate at each point, m."""
         columns = np.repeat(np.exp(self._low + self._width * points), len(self._samples), axis=0).T
         varying = {
             path: column
@@ -409,7 +410,7 @@ class _EvaluatedPoints:
         self._ratios: list[np.ndarray] = []
 
     def add(self, point: np.ndarray, ratios: np.ndarray) -> None:
-        """Add an evaluated point."""
+        """Add a point at which the limits have been evaluated, with the ratios from `margin_ratios`."""
         self._points.append(point)
         self._ratios.append(ratios)
 

@@ -186,7 +186,7 @@ class UncertainHover:
 
     @property
     def smallest_failing_scale(self) -> float:
-        """Smallest scale so far at which a loop is unstable or has no equilibrium."""
+        """Smallest scale found so far at which a loop is unstable or has no equilibrium."""
         return min(self.unstable.scale, self.without_equilibrium.scale)
 
     def parts(self) -> list[Part]:

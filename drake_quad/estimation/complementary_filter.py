@@ -211,7 +211,7 @@ class ComplementaryFilter(FleetSystem):
     """
 
     def declare(self, *, aiding: tuple[Aiding, ...], period: float, parameters: ComplementaryParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         check_aiding(aiding, 1, parameters.aiding)
         gyroscope = self.input("gyroscope", layout=layout_of(BodyRates))
         accelerometer = self.input("accelerometer", layout=layout_of(Vector))

@@ -22,9 +22,9 @@ from drake_quad.signals import Angle, Attitude, BodyRates, PositionW, Quantity, 
 _Length = Annotated[Row, Quantity("m", sign="positive")]
 _Speed = Annotated[Row, Quantity("m/s", sign="positive")]
 _AngleDeviation = Annotated[Row, Quantity("rad", sign="positive")]
-# Smaller divisors are replaced by these values: the cosine of the tilt, and the distance to the ground (m).
-_MIN_COSINE = 0.1
-_MIN_DISTANCE = 0.02
+# Smaller divisors are replaced by these values, to avoid a division by zero.
+_MIN_COSINE = 0.1  # smallest divisor for the cosine of the tilt
+_MIN_DISTANCE = 0.02  # m, smallest divisor for the distance to the ground
 
 _NONE: Any = None
 _NO_ERRORS = ErrorState(_NONE, _NONE, _NONE, _NONE, _NONE)

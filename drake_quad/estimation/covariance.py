@@ -44,7 +44,7 @@ class _Blocks(NamedTuple):
     accelerometer_bias: range
 
 
-_INDICES = _Blocks._make(range(i, i + 3) for i in range(0, _NUM_ERRORS, 3))
+_INDICES = _Blocks._make(range(i, i + 3) for i in range(0, _NUM_ERRORS, 3))  # indices of each block in the error vector
 
 
 class Covariance(NamedTuple):
@@ -64,11 +64,11 @@ class Covariance(NamedTuple):
 
     @classmethod
     def of(cls, matrix: Sequence[Sequence[Row]]) -> "Covariance":
-        """Return the covariance with the upper triangle of a matrix."""
+        """Return the covariance with the elements in the upper triangle of a symmetric matrix."""
         return cls(tuple([matrix[i][j] for i in range(_NUM_ERRORS) for j in range(i, _NUM_ERRORS)]))
 
     def matrix(self) -> list[list[Row]]:
-        """Return all elements, row by row."""
+        """Return all elements of the covariance matrix, row by row."""
         rows = iter(self.upper_triangle)
         matrix: list[list[Any]] = [[None] * _NUM_ERRORS for _ in range(_NUM_ERRORS)]
         for i in range(_NUM_ERRORS):
@@ -77,7 +77,7 @@ class Covariance(NamedTuple):
         return matrix
 
     def deviations(self) -> EstimateDeviation:
-        """Return the standard deviations of the errors."""
+        """Return the standard deviations of the errors of the estimate."""
         matrix = self.matrix()
         return EstimateDeviation._make(sqrt(matrix[i][i]) for i in range(_NUM_ERRORS))
 
@@ -142,9 +142,10 @@ class Gate(NamedTuple):
     """Treatment of measurements that do not agree with the estimate.
 
     Attributes:
-        squared_limit: limit of the squared normalised innovation ν² / s.
-        resets: True if measurements beyond the limit reset the estimate; False if they change nothing.
-        time: time since the last reading within the limit, s; only needed for a reset.
+        squared_limit: limit of the squared normalised innovation, which is the squared innovation divided by its
+            variance.
+        resets: True if measurements beyond `squared_limit` reset the estimate; False if they change nothing.
+        time: time since the last reading within `squared_limit`, in seconds; only needed for a reset.
     """
 
     squared_limit: Number
@@ -240,7 +241,7 @@ def _product(factor: Any, row: Row) -> Row:
 
 
 def _add_rows(matrix: list[list[Row]], targets: range, sources: range, factors: Sequence[Sequence[Any]]) -> None:
-    """Replace the error x_i of a symmetric matrix by x_i + Σ_j a_ij x_j, for targets i and sources j.
+    """Update a covariance matrix for errors x_i that are replaced by x_i + Σ_j a_ij x_j, for targets i and sources j.
 
     Args:
         matrix: covariance of the errors, which is changed.

@@ -57,7 +57,7 @@ class Aiding(NamedTuple):
 
     @property
     def law(self) -> AidingLaw:
-        """Measurement equation."""
+        """Measurement equation of the aiding sensor."""
         return AIDING_LAWS[self.kind]
 
 
@@ -276,7 +276,7 @@ def _with_arrivals(
 def _with_initial_tilt(
     memory: ErrorStateFilterState, parameters: FilterParameters, accelerometer: Vector
 ) -> ErrorStateFilterState:
-    """Return the state in which, at the first sample, the attitude is computed from the accelerometer."""
+    """Return the filter's state; at the first sample, with an attitude that is computed from the accelerometer."""
     estimate, starts = memory.estimate, memory.counters.waits_for_start > 0.5
     attitude = if_needed(
         starts, attitude_from_accelerometer, (accelerometer, parameters.initial_yaw), estimate.attitude
@@ -299,7 +299,7 @@ def _at_next_horizon(
 def _after_block(
     estimate: Estimate, covariance: Covariance, block: InertialIncrement, noise: InertialNoise, gravity: Row
 ) -> tuple[Estimate, Covariance]:
-    """Return an estimate and its covariance at the end of a block."""
+    """Propagate an estimate and its covariance from the start to the end of a block of inertial readings."""
     block = correct_increment_biases(block, estimate)
     return predict(estimate, block, gravity), propagate(covariance, block, estimate.attitude.axes(), noise)
 
@@ -541,7 +541,7 @@ class ErrorStateKalmanFilter(FleetSystem):
         block_samples: int = 1,
         parameters: FilterParameters,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         check_aiding(aiding, block_samples, [each.sensor for each in parameters.aiding])
         structure = FilterStructure(tuple(aiding), period, block_samples)
         gyroscope = self.input("gyroscope", layout=layout_of(BodyRates))

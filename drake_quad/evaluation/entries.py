@@ -200,6 +200,7 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
 # lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}
+# Fuzzy sets of an input that is scaled to the range from -1 to 1.
 _FIVE_SETS: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}
 _POSITION_INPUTS: Tree = _NO_ERROR_INPUTS | {
     "x": {"scale": 0.7, **_FIVE_SETS},
@@ -219,6 +220,7 @@ _LEARNING_RANGES = {
     "covariance": {"slope": (0.2, 20.0), "gain": (0.01, 10.0), "initial_covariance": (0.1, 100.0)},
     "gradient": {"rate": (0.01, 10.0), "leakage": (0.001, 1.0)},
 }
+# Ranges in which the tuning varies the scales of the inputs: in 1/m for the error, and in s/m for its rate.
 _SCALE_RANGES = {"error": (0.5, 100.0), "error_rate": (0.2, 30.0)}
 _ADAPTIVE_PARAMETERS = ("centres", "widths", "exponents")
 

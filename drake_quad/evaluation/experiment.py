@@ -83,7 +83,7 @@ class EvaluationSizes(NamedTuple):
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """Overrides for shorter flights."""
+        """Overrides that shorten the flights of a quick evaluation; none for a complete one."""
         return () if self.duration is None else (f"duration={self.duration!r}",)
 
 

@@ -65,6 +65,7 @@ def overrides_for_laps(count: int) -> tuple[str, ...]:
     return f"route.laps={count}", f"metrics.first_lap={count}"
 
 
+# Families of laboratories, keyed by name. A controller has the same design in all laboratories of a family.
 FAMILIES = {
     "laboratory": LaboratoryFamily(
         {
@@ -79,7 +80,7 @@ FAMILIES = {
     ),
     "outdoor": LaboratoryFamily({"outdoor": "outdoor.yaml"}, ("outdoor",), "outdoor"),
     "robustness": LaboratoryFamily({"robustness": "robustness.yaml"}, ("robustness",), "robustness"),
-    # This family needs no overrides for laps, since its route already consists of laps.
+    # The family neural_fly needs no overrides for laps, since its route already consists of laps.
     "neural_fly": LaboratoryFamily(
         {
             "still air": "neural_fly.yaml:still",

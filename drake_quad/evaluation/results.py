@@ -115,7 +115,7 @@ def read_evaluation(folder: Path) -> Evaluation:
 
 
 def _traits_of(cells: Mapping[str, Any]) -> Traits:
-    """Return the `Traits` in a row of the file; an empty cell becomes NaN."""
+    """Return the `Traits` in a row of the results file; an empty cell becomes NaN."""
     numbers = {field: float(cell) for field, cell in cells.items() if field != "not_certified"}
     reason = cells["not_certified"]
     return Traits(**numbers, not_certified=str(reason) if isinstance(reason, str) else "")

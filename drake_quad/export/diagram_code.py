@@ -79,7 +79,7 @@ def _step_head(name: str) -> str:
 
 
 def _structs(name: str, step: StepCode, structs: Structs, diagram: Diagram) -> list[Struct]:
-    """Return the definitions of all structs."""
+    """Return the C definitions of all structs of the exported code."""
     inputs = [structs.member(key, layout) for key, layout in step.inputs.items()]
     outputs = [structs.member(key, layout) for key, layout in step.outputs.items()]
     parameters = [structs.member(key, each.layout, _origin(each, diagram)) for key, each in step.parameters.items()]
@@ -100,7 +100,7 @@ def _structs(name: str, step: StepCode, structs: Structs, diagram: Diagram) -> l
 
 
 def _header(name: str, step: StepCode, structs: Sequence[Struct]) -> str:
-    """Return the text of the header."""
+    """Return the text of the C header."""
     guard = f"{name.upper()}_H"
     head = "\n".join(wrapped(f"{_step_head(name)};"))
     blocks = [
@@ -124,7 +124,7 @@ def _origin(member: Member, diagram: Diagram) -> str:
 
 
 def _source(name: str, step: StepCode, functions: Functions) -> str:
-    """Return the text of the source file."""
+    """Return the text of the C source file."""
     texts = [*functions.texts, *step.formulas.texts]
     multiplies_and_adds = any("multiply_add(" in text for text in texts)
     needs_words = multiplies_and_adds or any("float_bits(" in text or "number_of(" in text for text in texts)

@@ -100,16 +100,16 @@ class _BlockView(NamedTuple):
         return self.step.as_rows(self.step.input_rows(self.path, index))
 
     def parameter(self, index: int) -> list[_Row]:
-        """Return the values of a parameter, which is a constant in the code."""
+        """Return the values of a parameter as C constants, since exported code cannot change them."""
         values = self.step.default_context(self.path).get_numeric_parameter(index).value()
         return self.step.as_rows([constant_text(value, self.step.precision) for value in values])
 
     def state(self, group: int) -> list[_Row]:
-        """Return the expressions of all components of the only state group."""
+        """Return the expressions of all components of the system's only state group."""
         return self.step.as_rows(self.step.discrete_state_rows(self.path))
 
     def source(self, output: int, element: int) -> Any:
-        """Raise InputError, because the system is a trajectory source, whose output depends only on time."""
+        """Raise InputError, since systems whose output is a given trajectory over time cannot be exported."""
         raise InputError(f"{self.path} cannot be exported: its output is a given trajectory over time")
 
 
@@ -390,7 +390,7 @@ class StepCode:
     # State, parameters and updates
 
     def _states(self) -> dict[str, Member]:
-        """Return all state groups, by the name of the struct member."""
+        """Return all state groups, keyed by the name of their member in the C struct."""
         states: dict[str, Member] = {}
         for path, system in self._leaves.items():
             context = self.default_context(path)
@@ -404,7 +404,7 @@ class StepCode:
         return states
 
     def _parameters(self) -> dict[str, Member]:
-        """Return all parameters, by the name of the struct member."""
+        """Return all parameters, keyed by the name of their member in the C struct."""
         return {
             self._parameter_name(path, parameter): Member(
                 path,

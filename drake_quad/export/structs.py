@@ -29,7 +29,7 @@ class StructMember(NamedTuple):
     sizes: tuple[int, ...] = ()
 
     def __str__(self) -> str:
-        """Return the declaration in C."""
+        """Return the declaration of the member in C."""
         declaration = f"    {self.type_name} {self.name}{''.join(f'[{size}]' for size in self.sizes)};"
         return f"{declaration:{_COMMENT_COLUMN - 1}} /* {self.comment} */" if self.comment else declaration
 
@@ -48,7 +48,7 @@ class Struct(NamedTuple):
     members: Sequence[StructMember]
 
     def __str__(self) -> str:
-        """Return the definition in C."""
+        """Return the definition of the struct in C."""
         head = f"/* {self.comment} */\ntypedef struct {{"
         return "\n".join([head, *map(str, self.members), f"}} {self.type_name};", ""])
 

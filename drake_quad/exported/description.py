@@ -57,12 +57,12 @@ class ExportDescription(CodeInterface):
 
     @property
     def number_type(self) -> Any:
-        """NumPy type of a number."""
+        """NumPy type of a number in the exported code."""
         return _NUMBER_TYPES[self.precision]
 
     @property
     def state_type(self) -> np.dtype:
-        """NumPy type of the state struct."""
+        """NumPy type of the C struct with the state of the exported code."""
         fields = [("numbers", self.number_type, (self.num_states,)), ("step", np.uint32)]
         return np.dtype(fields if self.num_states else fields[1:], align=True)
 

@@ -67,7 +67,7 @@ class HostMachine:
             raise InputError(f"{folder}: the structs of {name}.h differ from {DESCRIPTION_FILE}; export again")
 
     def step(self, state: bytes, inputs: bytes) -> tuple[bytes, bytes]:
-        """Return the next state and the outputs of a step."""
+        """Execute one step of the exported code, and return the next state and the outputs as bytes."""
         memory = ctypes.create_string_buffer(state, len(state))
         outputs = ctypes.create_string_buffer(self._num_output_bytes)
         self._step(memory, ctypes.c_void_p(self._parameters), inputs, outputs)
@@ -75,7 +75,7 @@ class HostMachine:
 
     @staticmethod
     def initial_state(folder: Path, description: ExportDescription) -> bytes:
-        """Return the initial state."""
+        """Return the initial state of the exported code, as the bytes of its C struct."""
         library = _compiled(folder, description, None, COMPILER_FLAGS)
         memory = ctypes.create_string_buffer(description.state_type.itemsize)
         getattr(library, f"{description.name}_init")(memory)
@@ -141,7 +141,7 @@ CROSS_COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 _CROSS_FLAGS = (*COMPILER_FLAGS, "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections")
 _ICOUNT_SHIFT = 5  # QEMU simulates 2^5 ns for each instruction
 _TIMER_PERIOD = 40.0  # ns; the timer of the board runs at 25 MHz
-_INSTRUCTIONS_PER_COUNT = _TIMER_PERIOD / 2**_ICOUNT_SHIFT
+_INSTRUCTIONS_PER_COUNT = _TIMER_PERIOD / 2**_ICOUNT_SHIFT  # simulated instructions per count of the timer
 _STEP_TIMEOUT = 60.0  # s; an emulated step takes milliseconds
 
 
@@ -189,7 +189,7 @@ class EmulatedBoard:
         self._finalizer = weakref.finalize(self, _stop, self._process, (self._requests, self._responses), directory)
 
     def close(self) -> None:
-        """Stop the emulation."""
+        """Stop the emulation of the board."""
         self._finalizer()
 
     def step(self, state: bytes, inputs: bytes) -> tuple[bytes, bytes]:

@@ -20,10 +20,10 @@ from drake_quad.scenario.batch import Batch
 
 # Simulated time between two checks for crashes in uncompiled diagrams, s. Progress is reported at the same interval.
 _CHECK_INTERVAL = 1.0
-# Number of ticks between two checks for crashes in compiled diagrams, for fleets and for a single vehicle. One event
-# simulates all these ticks, so that Drake's overhead is negligible.
-_FLEET_CHECK_TICKS = 100
-_SINGLE_VEHICLE_CHECK_TICKS = 500
+# A compiled diagram is checked for crashes only once in this number of ticks. One event simulates all ticks between two
+# checks, so that Drake's overhead is negligible.
+_FLEET_CHECK_TICKS = 100  # ticks between two checks of a fleet
+_SINGLE_VEHICLE_CHECK_TICKS = 500  # ticks between two checks of a single vehicle
 
 
 class FleetSimulation(ABC):
@@ -58,7 +58,7 @@ class FleetSimulation(ABC):
         """Reset the fleet to the start of another batch of the same scenario and size."""
 
     def metrics(self) -> Metrics:
-        """Return the metrics up to the current time, (N,) arrays."""
+        """Return the metrics of the N vehicles up to the current time, as (N,) arrays."""
         return read_metrics(*self._current_wired_context())
 
     def obstacle_hit(self) -> np.ndarray:

@@ -75,11 +75,11 @@ class Flight(Mapping[str, np.ndarray]):
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:
-        """Return the names of the signals."""
+        """Iterate over the names of the recorded signals."""
         return iter(self.signals)
 
     def __len__(self) -> int:
-        """Return the number of signals."""
+        """Return the number of recorded signals."""
         return len(self.signals)
 
     # Flights are compared by identity, since a comparison of arrays has no single truth value.
@@ -123,7 +123,7 @@ class Flight(Mapping[str, np.ndarray]):
         return frame
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return a one-line description of the flight."""
         end = self.crash or f"{self.time[-1]:.2f} s"
         end = end if self.cause is None else f"{end}, since {self.cause}"
         compiled = ", compiled" if self.compiled else ""

@@ -25,8 +25,8 @@ from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 # A field of the flown vehicle is reported if it differs from the nominal value by more than two limits: a fraction of
 # the nominal value, which is larger than the error of any scale or data sheet, and a multiple of the standard deviation
 # of the field.
-_MIN_RELATIVE_DIFFERENCE = 0.2
-_MIN_NUM_SIGMAS = 5.0
+_MIN_RELATIVE_DIFFERENCE = 0.2  # relative to the nominal value, or to the arm length for a position
+_MIN_NUM_SIGMAS = 5.0  # standard deviations of the field
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
@@ -71,7 +71,7 @@ class _PlannedFlight:
 
     @functools.cached_property
     def plan(self) -> Plan | None:
-        """Plan to fly; None if the route cannot be planned."""
+        """Plan of the route; None if the route cannot be planned."""
         if self._plan is None:
             with suppress(InputError):
                 return plan_route(self.scenario)

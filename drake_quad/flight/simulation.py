@@ -22,9 +22,9 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# Target accuracy and largest step (s) of the integrator for a continuous state.
-_INTEGRATOR_ACCURACY = 1e-8
-_MAX_INTEGRATOR_STEP = 0.1
+# Settings of the integrator with error control, which is used if the diagram has a continuous state.
+_INTEGRATOR_ACCURACY = 1e-8  # target accuracy
+_MAX_INTEGRATOR_STEP = 0.1  # s, largest step
 # Smallest step of the integrator for a continuous state, s. With steps of this length, simulating one second of a
 # flight takes 15 seconds.
 _MIN_INTEGRATOR_STEP = 1e-5
@@ -80,7 +80,7 @@ def simulate(
     batch = Batch(drawn, (sample or 0,), {})
     plan = plan or plan_route(drawn)
     end = flight_duration(drawn, plan)
-    # The last tick may be up to one period after the end.
+    # The last tick of a flight may be up to one control period after `end`.
     if until is not None and not 0.0 < until < end + drawn.laboratory.command_link.period:
         raise InputError(f"until is {until}, but must be larger than 0 and at most the end of the flight, {end:g} s")
     user_systems = UserSystems(position_controller, control, wind, policy)

@@ -31,21 +31,20 @@ _Formula = TypeVar("_Formula", bound=Callable[..., Any])
 # this whole number.
 _ROUNDING_OFFSET = 1.5 * 2.0**52
 # Layout of a double: a sign bit, 11 bits of the biased exponent, and 52 bits of the mantissa.
-_EXPONENT_SHIFT = np.uint64(52)
-_EXPONENT_BIAS = np.uint64(1023)
-_MANTISSA_MASK = np.uint64(2**52 - 1)
-_SIGN_MASK = np.uint64(1 << 63)
-# The left shift by `_SIGN_SHIFT` moves the lowest bit to the sign bit, and the shift by `_BELOW_SIGN_SHIFT` the second
-# lowest bit.
-_SIGN_SHIFT = np.uint64(63)
-_BELOW_SIGN_SHIFT = np.uint64(62)
-_ONE_BIT = np.uint64(1)
+_EXPONENT_SHIFT = np.uint64(52)  # number of bits below the exponent
+_EXPONENT_BIAS = np.uint64(1023)  # biased exponent of 1.0
+_MANTISSA_MASK = np.uint64(2**52 - 1)  # mask of the 52 bits of the mantissa
+_SIGN_MASK = np.uint64(1 << 63)  # mask of the sign bit
+# Left shifts of a 64-bit word.
+_SIGN_SHIFT = np.uint64(63)  # moves the lowest bit to the sign bit
+_BELOW_SIGN_SHIFT = np.uint64(62)  # moves the second lowest bit to the sign bit
+_ONE_BIT = np.uint64(1)  # 64-bit word whose only set bit is the lowest one
 _MIN_NORMAL = 2.0**-1022  # smallest positive normal double
-_BITS_OF_ONE = np.uint64(1023 << 52)
-_BITS_OF_SQRT_HALF = np.float64(math.sqrt(0.5)).view(np.uint64)
+_BITS_OF_ONE = np.uint64(1023 << 52)  # bits of the double 1.0
+_BITS_OF_SQRT_HALF = np.float64(math.sqrt(0.5)).view(np.uint64)  # bits of the double √½
 # The lowest bits of the sum of 2**52 and a smaller whole number are the bits of this whole number.
 _TWO_52 = 2.0**52
-_BITS_OF_TWO_52 = np.uint64(1075 << 52)
+_BITS_OF_TWO_52 = np.uint64(1075 << 52)  # bits of the double 2⁵²
 
 # π/2 as a sum of two doubles.
 _HALF_PI_PARTS = (1.5707963267948966, 6.123233995736766e-17)
@@ -81,9 +80,9 @@ _EXP_COEFFICIENTS = (
     2.7620138719733994e-07,
     2.5100424157005067e-08,
 )
-# Limits to which the argument of exp is clipped. At these limits, the computed result is infinity or zero.
-_MAX_EXP_ARGUMENT = 710.0
-_MIN_EXP_ARGUMENT = -709.1
+# The argument of exp is clipped to these limits.
+_MAX_EXP_ARGUMENT = 710.0  # the computed exp of this argument is infinity
+_MIN_EXP_ARGUMENT = -709.1  # the computed exp of this argument is zero
 # Polynomial of (ln((1 + s) / (1 - s)) - 2 s) / s³ in s², for (1 + s) / (1 - s) from √½ to √2. Its error is below 1e-17.
 _LOG_COEFFICIENTS = (
     0.666666666666667,
@@ -183,8 +182,8 @@ _ERFC_COEFFICIENTS = (
     6.0857915906870915e-12,
 )
 _MAX_ERF_ARGUMENT = 6.0  # for larger x, erf x is 1 in double precision
-_TAN_PI_8 = math.tan(math.pi / 8.0)
-_TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
+_TAN_PI_8 = math.tan(math.pi / 8.0)  # limit between the slopes of the first and the second range in `_slope_angle`
+_TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)  # limit between the second and the third range
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
@@ -403,5 +402,5 @@ def _number_of(bits: Symbol) -> Symbol:
 
 
 def _is_negative(bits: Symbol) -> Symbol:
-    """Return whether the sign bit is set."""
+    """Return whether the sign bit of a 64-bit word is set."""
     return operation("sign_bit", bits, kind=SymbolKind.TRUTH)

@@ -24,7 +24,7 @@ class Broadcast(FleetSystem):
     """
 
     def declare(self, *, num_rows: int = 1) -> None:
-        """Declare the ports."""
+        """Declare the ports of this system."""
         self._num_rows = num_rows
         self._single = self.DeclareVectorInputPort("single", BasicVector_[self.scalar](num_rows)).get_index()
         size, prerequisites = num_rows * self.num_vehicles, {self.input_port_ticket(self._single)}

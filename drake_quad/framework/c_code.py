@@ -234,6 +234,7 @@ class Precision(NamedTuple):
     num_bytes: int
 
 
+# Name, suffix of constants and size of the floating-point formats in C.
 DOUBLE = Precision("double", "", 8)
 SINGLE = Precision("float", "f", 4)
 PRECISIONS = {"double": DOUBLE, "single": SINGLE}

@@ -29,7 +29,7 @@ _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0
 
 
 def read(name: str) -> bytes | None:
-    """Return the content of the cache under a name; None if the file does not exist or cannot be trusted."""
+    """Return the cached content with a given name; None if its file does not exist or cannot be trusted."""
     folder = cache_folder()
     if folder is None or not _is_trusted(folder):
         return None

@@ -98,7 +98,7 @@ class Driver:
         self._block(f"{name}_end")
 
     def text(self) -> str:
-        """Return the LLVM code of the whole function."""
+        """Return the LLVM code of the driver function."""
         return "\n".join([*self._lines, "  ret void", "}"])
 
     def _block(self, label: str) -> None:

@@ -520,7 +520,8 @@ class FleetSystem(_Base):
 
         Args:
             context: context of this system.
-            parameters: record of numbers, as for the constructor; each row may be an (N,) array.
+            parameters: record of numbers, as for the constructor. Instead of a number, the record may contain an (N,)
+                array with the number of each vehicle.
         """
         self.set_parameters(context, parameters)
         for part in self.states.values():
@@ -531,7 +532,8 @@ class FleetSystem(_Base):
 
         Args:
             context: context of this system.
-            parameters: record of numbers, as for the constructor; each row may be an (N,) array.
+            parameters: record of numbers, as for the constructor. Instead of a number, the record may contain an (N,)
+                array with the number of each vehicle.
         """
         for part in self.parameters.values():
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(parameters)))

@@ -72,9 +72,9 @@ The names in the expressions are rows, `math`, and the functions of `drake_quad.
 rows.
 """
 
-# Function names that are not keys of `REPLACEMENTS`, each with the key whose expression also replaces this function.
-# Most of these names are aliases.
-_OTHER_NAMES = {
+# Further functions of NumPy and `math`, each with the key of `REPLACEMENTS` whose expression also replaces it. Most of
+# these functions are aliases of the key.
+_KEYS_OF_OTHER_FUNCTIONS = {
     "abs": "absolute",
     "acos": "arccos",
     "amax": "max",
@@ -101,14 +101,14 @@ _NUMPY_FOLDER = str(Path(np.__file__).parent)
 
 def replacement(name: str) -> str | None:
     """Return the expression that a formula may use instead of a function of NumPy or `math`; None if there is none."""
-    return REPLACEMENTS.get(_OTHER_NAMES.get(name, name))
+    return REPLACEMENTS.get(_KEYS_OF_OTHER_FUNCTIONS.get(name, name))
 
 
 def names_and_replacements() -> list[tuple[list[str], str]]:
     """Return the names of the functions that have the same replacement, and this replacement."""
     names: dict[str, list[str]] = {}
-    for name in sorted([*REPLACEMENTS, *_OTHER_NAMES]):
-        names.setdefault(REPLACEMENTS[_OTHER_NAMES.get(name, name)], []).append(name)
+    for name in sorted([*REPLACEMENTS, *_KEYS_OF_OTHER_FUNCTIONS]):
+        names.setdefault(REPLACEMENTS[_KEYS_OF_OTHER_FUNCTIONS.get(name, name)], []).append(name)
     return [(each, expression) for expression, each in names.items()]
 
 

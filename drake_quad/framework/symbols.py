@@ -108,12 +108,12 @@ class Matrix:
 
     @property
     def num_rows(self) -> int:
-        """Number of outputs of the layer."""
+        """Number of outputs of the network layer."""
         rows, _ = self.shape
         return rows
 
     def biases_and_weights(self) -> Iterator[tuple[float, list[float]]]:
-        """Yield the bias and the weights of each row."""
+        """Yield the bias and the weights of each output of the network layer."""
         for bias, *weights in self._numbers.tolist():
             yield bias, weights
 

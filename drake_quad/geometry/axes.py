@@ -46,7 +46,7 @@ class Tilt(NamedTuple):
 
 
 class BodyAxes(NamedTuple):
-    """Axes of B in W, which are the columns of R_WB, eq (1)."""
+    """Axes of B in W, which are the columns of R_WB, eq (1) of the paper."""
 
     x: Vector
     y: Vector

@@ -74,7 +74,7 @@ def tilt_from_thrust(specific_thrust: HeadingVector) -> ThrustTilt:
 
 
 def attitude_from_tilt(tilt: ThrustTilt) -> tuple[Row, Row]:
-    """Return roll and pitch, eq (7), rad. The magnitude of the pitch exceeds π/2 if the thrust points down."""
+    """Return roll and pitch (rad) by eq (7) of the paper; the pitch exceeds ±π/2 if the thrust points down."""
     return arcsin(tilt.sin_roll), arctan2(tilt.sin_pitch, tilt.cos_pitch)
 
 
@@ -112,7 +112,7 @@ def angular_accelerations(
     p_dot, q_dot = q * r - (y + coupling * p) / thrust, (x - coupling * q) / thrust - p * r
     roll_rate = p + yaw_rate * sin_pitch
     pitch_rate = (q - yaw_rate * cos_pitch * sin_roll) / cos_roll
-    # This is the derivative of r cos φ = ψ̇ cos θ - q sin φ.
+    # Time derivative of r cos φ = ψ̇ cos θ - q sin φ.
     derivative = yaw_acceleration * cos_pitch - yaw_rate * sin_pitch * pitch_rate - q_dot * sin_roll
     return AngularAcceleration(p_dot, q_dot, (derivative + (r * sin_roll - q * cos_roll) * roll_rate) / cos_roll)
 

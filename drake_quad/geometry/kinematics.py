@@ -5,9 +5,10 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row, To
 
 
 def small_rotation(changes: Attitude, attitude: Attitude) -> BodyRates:
-    """Return the small rotation (rad) about the axes of B for small changes of roll, pitch and yaw (rad), eq (2).
+    """Return the small rotation (rad) about the axes of B for small changes of roll, pitch and yaw (rad).
 
-    For rates of roll, pitch and yaw instead of changes, the result is the body rates, rad/s.
+    The rotation follows from eq (2) of the paper. For rates of roll, pitch and yaw instead of changes, the result is
+    the body rates, rad/s.
     """
     s_r, c_r = sin_cos(attitude.roll)
     s_p, c_p = sin_cos(attitude.pitch)
@@ -18,7 +19,7 @@ def small_rotation(changes: Attitude, attitude: Attitude) -> BodyRates:
 
 
 def angular_acceleration(accelerations: Attitude, rates: Attitude, attitude: Attitude) -> AngularAcceleration:
-    """Return the angular acceleration along the axes of B (rad/s²), which is the time derivative of eq (2).
+    """Return the angular acceleration along the axes of B (rad/s²), the time derivative of eq (2) of the paper.
 
     Args:
         accelerations: second derivatives of roll, pitch and yaw, rad/s².
@@ -37,7 +38,7 @@ def angular_acceleration(accelerations: Attitude, rates: Attitude, attitude: Att
 
 
 def angle_rates(body_rates: BodyRates, attitude: Attitude) -> Attitude:
-    """Return the rates of roll, pitch and yaw (rad/s) for given body rates (rad/s), by the inverse of eq (2).
+    """Return the rates of roll, pitch and yaw (rad/s) for given body rates (rad/s), the inverse of the paper's eq (2).
 
     The rates are infinite at a pitch of ±90°.
     """

@@ -53,7 +53,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def plan(self) -> Plan:
-        """Plan with the reference of the flights."""
+        """Plan from which the reference of all flights is computed."""
         return self._vector.plan
 
     def reset(

@@ -19,13 +19,13 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
 # Limits on the number of episodes that are computed at once. Larger batches need more memory and are hardly faster.
-_MIN_BATCH_SIZE = 32
-_MAX_BATCH_SIZE = 512
+_MIN_BATCH_SIZE = 32  # episodes
+_MAX_BATCH_SIZE = 512  # episodes
 # Number of episodes that are computed in advance, summed over all vehicles. It is divided equally among the vehicles,
 # within the following limits for each vehicle.
 _TOTAL_EPISODES_AHEAD = 4096
-_MIN_EPISODES_AHEAD = 2
-_MAX_EPISODES_AHEAD = 32
+_MIN_EPISODES_AHEAD = 2  # smallest number of episodes that are computed in advance for a vehicle
+_MAX_EPISODES_AHEAD = 32  # largest number of episodes that are computed in advance for a vehicle
 
 
 class Episode(NamedTuple):
@@ -64,7 +64,7 @@ class Episodes:
         self._initializer = Initializer(self._diagram, outputs=outputs)
         first = self._initializer.initial_values(self._context)
         shape = num_vehicles, self._num_ahead
-        # This is a ring buffer: sample j of a vehicle is stored at the index j modulo the number of episodes ahead.
+        # `_ready` is a ring buffer: sample j of a vehicle is stored at the index j modulo the number of episodes ahead.
         self._ready = InitialValues._make(np.empty((*shape, rows.shape[1])) for rows in first)
         self.seeds, self.samples = np.zeros(num_vehicles, dtype=np.int64), np.full(num_vehicles, -1)
         # For each vehicle, the index of the first sample whose initial values have not been computed.
@@ -84,7 +84,7 @@ class Episodes:
         return InitialValues._make(rows[vehicles, index] for rows in self._ready)
 
     def episode(self, vehicle: int) -> Episode:
-        """Return the current episode of a vehicle."""
+        """Return the seed and the sample of the current episode of a vehicle."""
         return Episode(int(self.seeds[vehicle]), int(self.samples[vehicle]))
 
     def _compute_ahead(self) -> None:

@@ -29,10 +29,10 @@ _RELATIVE_STEP = 1e-5
 # Step of the central difference for the delay, in samples. The derivative is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
 _MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the parameters and of the noise
-# The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
-# and the logarithm of each standard deviation of the disturbance changes by less than `_LOG_DISTURBANCE_TOLERANCE`.
-_PARAMETER_TOLERANCE = 0.2
-_LOG_DISTURBANCE_TOLERANCE = 0.2
+# The fit has converged if no parameter and no standard deviation of the disturbance changes by more than these
+# tolerances in one round.
+_PARAMETER_TOLERANCE = 0.2  # change of a parameter, relative to its standard deviation
+_LOG_DISTURBANCE_TOLERANCE = 0.2  # change of the logarithm of a standard deviation of the disturbance
 _MAX_NUM_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
 # A fit with a reduced disturbance is accepted only if it increases the log-likelihood. The derivatives at the start of
 # the search predict how much the search can gain. The search is skipped if even this multiple of the predicted gain
@@ -48,8 +48,8 @@ _FORCE_REDUCTION = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
 # local minimum in which a large disturbance explains the motion. The search then starts again from the prior mean,
 # with the disturbance multiplied by `_RESTART_DISTURBANCE_FACTOR`.
-_MAX_PRIOR_DISTANCE = 2.0
-_RESTART_DISTURBANCE_FACTOR = 0.05
+_MAX_PRIOR_DISTANCE = 2.0  # standard deviations of the prior
+_RESTART_DISTURBANCE_FACTOR = 0.05  # factor on the standard deviations of the disturbance
 # The model has diverged if a whitened error exceeds this limit.
 _MAX_WHITENED_ERROR = 1e6
 # Largest number of samples from which the noise is estimated in each round, unless five windows contain more.
@@ -71,9 +71,9 @@ NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 _MAX_DISTURBANCE = 1e3  # m/s² or rad/s², largest estimated standard deviation of the disturbance
 _MIN_CORRELATION_TIME = 0.02  # s, shortest correlation time of the disturbance
 _MAX_CORRELATION_TIME = 20.0  # s, longest correlation time of the disturbance
-# Largest correlation time of the disturbing force along z (along all axes, if the force is along the axes of B), s. A
-# force that lasts longer is attributed to the thrust curve. Otherwise, the disturbance would explain most errors of the
-# curve, and only large changes of the rotor speeds would determine the curve.
+# Largest correlation time of the disturbing force along Z, s. If the model resolves the force along the axes of B, this
+# limit applies to all three axes. A force that lasts longer is attributed to the thrust curve. Otherwise, the
+# disturbance would explain most errors of the curve, and only large changes of the rotor speeds would determine it.
 _MAX_THRUST_CORRELATION_TIME = 0.25
 # The fit has diverged if the noise or the disturbance exceeds this fraction of its upper limit.
 _DIVERGENCE_RATIO = 0.99
@@ -136,7 +136,7 @@ class PredictionFit(NamedTuple):
 
 
 def _information_and_scores(jacobian: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the information (W, p, p) and the scores (W, p) of whitened errors."""
+    """Return the Fisher information (W, p, p) and the scores (W, p) of W windows, given their whitened errors."""
     return jacobian.swapaxes(1, 2) @ jacobian, np.einsum("wkp,wk->wp", jacobian, errors)
 
 
@@ -262,7 +262,7 @@ class _Point(NamedTuple):
 
     @property
     def noise(self) -> PredictionNoise:
-        """Noise for which the gains were computed."""
+        """Noise parameters for which the gains of the Kalman filter were computed."""
         return self.gains.noise
 
     @classmethod

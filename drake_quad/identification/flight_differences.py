@@ -87,7 +87,10 @@ def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
 
 
 def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> EstimatedValue | None:
-    """Return the Gauss-Newton step along a direction from the windows in a mask; None if they do not determine it."""
+    """Return the Gauss-Newton step of the parameters along a direction (p,).
+
+    Only the windows for which `mask` (w,) is True are used. The result is None if they do not determine the step.
+    """
     information = np.einsum("i,wij,j->w", direction, evidence.information[mask], direction)
     scores = evidence.scores[mask] @ direction
     if len(scores) < 2 or information.sum() <= 0.0:

@@ -106,7 +106,7 @@ class Disturbance(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Duration of a step, and the battery voltage during the step relative to the voltage of the thrust curve."""
+    """Duration of an integration step, and battery voltage in it, relative to the voltage of the thrust curve."""
 
     span: Time
     voltage: Number
@@ -169,7 +169,7 @@ def step(
 def rotors_after(
     rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters
 ) -> RotorSpeed:
-    """Return the rotor speeds at the end of a step."""
+    """Return the rotor speeds at the end of an integration step, after their first-order lag."""
     target = _target(rotors, command, span, model_parameters)
     lags = decay_factors(rotors, target, span.span, model_parameters.parameters, model_parameters.effects.spin_down)
     return lagged_speeds(rotors, target, lags)
@@ -340,7 +340,7 @@ class LogModel:
 
     @property
     def command_signal(self) -> str:
-        """Name of the signal that contains the commands of the rotors."""
+        """Name of the logged signal with the rotor commands."""
         return "motor_command" if self.takes_throttles else "rotor_speed_command"
 
     @property
@@ -503,7 +503,7 @@ class ModelFlight:
         self._read_inputs()
 
     def step(self, state: np.ndarray) -> None:
-        """Advance a state by one step, with a constant disturbance."""
+        """Advance the state of the model by one step, with a constant disturbance."""
         body, disturbance = state[:NUM_BODY], state[NUM_BODY:]
         inputs = (
             body,
@@ -518,14 +518,14 @@ class ModelFlight:
         self._next()
 
     def specific_force(self, state: np.ndarray) -> np.ndarray:
-        """Return the specific force (3, K, W) for a state, m/s²."""
+        """Return the specific force (3, K, W) in a state, m/s², for K parameter vectors and W windows."""
         force = np.empty((3, *self.shape))
         inputs = state[:NUM_BODY], self._rotors, self._rotor_command, self._wind, state[NUM_BODY:], self._span
         self._run(self.model.specific_force, force, *inputs)
         return force
 
     def measured_attitude(self, state: np.ndarray) -> np.ndarray:
-        """Return roll, pitch and yaw (3, K, W) of the markers' frame for a state."""
+        """Return roll, pitch and yaw (3, K, W) that motion capture measures in a state, for its misaligned markers."""
         row = STATE_ROWS["attitude"]
         attitude = state[row : row + 3]
         if not self._misalignment.any():

@@ -16,9 +16,9 @@ from drake_quad.identification.results.vehicle_values import vehicle_value, with
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 
-# Limits of a positive parameter, relative to its value in the scenario.
-_MIN_POSITIVE_RATIO = 0.02
-_MAX_POSITIVE_RATIO = 50.0
+# Limits of a positive parameter in the fit, relative to its value in the scenario.
+_MIN_POSITIVE_RATIO = 0.02  # smallest estimate
+_MAX_POSITIVE_RATIO = 50.0  # largest estimate
 # The prior standard deviations of time constants and of the delay do not depend on the initial values, which may be
 # zero.
 _TIME_CONSTANT_SCALE = 0.04  # s, standard deviation of the prior
@@ -131,5 +131,5 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
 
 
 def parameter_names(parameters: Sequence[Parameter]) -> list[str]:
-    """Return the names of parameters."""
+    """Return the names of the given parameters, in order."""
     return [parameter.name for parameter in parameters]

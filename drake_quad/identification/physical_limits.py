@@ -20,8 +20,8 @@ import numpy as np
 
 from drake_quad.identification.parameters import Parameter
 
-_INERTIA = tuple(f"inertia[{axis}]" for axis in range(3))
-_CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
+_INERTIA = tuple(f"inertia[{axis}]" for axis in range(3))  # names of the moments of inertia
+_CURVE = tuple(f"motors.curve[{power}]" for power in range(3))  # names of the coefficients of the thrust curve
 # Matrix from the moments of inertia to the second moments of the mass along x, y and z, which are never negative.
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 # Matrix from the coefficients of the thrust curve to the thrust at zero throttle, and the slopes of the curve at zero

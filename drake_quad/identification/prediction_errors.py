@@ -200,7 +200,7 @@ class Predictor:
         state, n, W = self._measured_states(records, offsets[0]), len(self.rows), len(windows)
         jacobian, no_covariance = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
         self.initial = InitialStates(state, jacobian, np.zeros(p), no_covariance, np.zeros(W, dtype=bool))
-        # This mask contains the windows that start where the preceding window ends.
+        # True for each window that starts where the preceding window ends.
         self._follows = np.array(
             [i > 0 and windows[i - 1] == (record, start - sizes.length) for i, (record, start) in enumerate(windows)]
         )
@@ -472,7 +472,7 @@ class Predictor:
 
 
 class _OtherNoises:
-    """First-order changes of a Kalman filter if its set of noise parameters is replaced by each of c other sets.
+    """First-order changes of a Kalman filter's prediction errors and covariances for c other sets of noise parameters.
 
     The matrices for the c sets are stored side by side, as (w, rows, c, columns) for w windows, so that a single matrix
     product serves all sets.
@@ -495,8 +495,8 @@ class _OtherNoises:
         self._measured_changes = (
             self._variance_changes.T[:, :, None] * np.eye(measurement_variances.shape[1])[:, None, :]
         )
-        # These are the indices of the sets whose measurement noise, or whose correlation times, differ from the first
-        # set.
+        # Indices of the noise parameter sets whose measurement noise, or whose correlation times, differ from those of
+        # the first set.
         self._with_other_measurement_noise = np.flatnonzero(self._variance_changes.any(axis=1))
         self._with_other_correlation_time = np.flatnonzero(self._ratio_changes.any(axis=1))
         self._covariances = np.ascontiguousarray((covariances[1:] - covariances[0]).transpose(1, 2, 0, 3))

@@ -34,15 +34,14 @@ from drake_quad.vehicle.motors import thrust_from_throttle
 # averaged.
 _MIN_PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
-# Length of a window, and duration before the window in which the filter settles, s, for logs with poses and for logs
-# with IMU measurements only. Without poses, the predicted attitude and velocity drift, so windows are shorter.
-_POSE_WINDOW = (1.25, 0.4)
-_IMU_WINDOW = (1.0, 0.4)
+# Length of a window, and duration before the window in which the filter settles, s. In logs without poses, the
+# predicted attitude and velocity drift, so windows are shorter.
+_POSE_WINDOW = (1.25, 0.4)  # for logs with poses
+_IMU_WINDOW = (1.0, 0.4)  # for logs with IMU measurements only
 _MIN_WINDOW = 0.5  # s, shortest length of a window
 WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
-# Horizons of forecasts, s, for logs with poses and for logs with IMU measurements only.
-_POSE_HORIZON = 0.5
-_IMU_HORIZON = 0.1
+_POSE_HORIZON = 0.5  # s, horizon of forecasts for logs with poses
+_IMU_HORIZON = 0.1  # s, horizon of forecasts for logs with IMU measurements only
 MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect
 MIN_BLOCKS = 15  # smallest number of blocks for the jackknife of the estimates
 _BLOCK_DURATION = 4.0  # s, longer than the correlation time of model errors

@@ -99,7 +99,7 @@ class FlightSegments(NamedTuple):
         return cls(information, scores, evidence.values + steps, variances, freedom, duration)
 
     def without(self, b: int) -> "FlightSegments":
-        """Return all stretches except stretch b."""
+        """Return the stretches of flight without stretch b."""
         others = np.arange(len(self.scores)) != b
         return self._replace(
             information=self.information[others],
@@ -121,7 +121,7 @@ class FlightSegments(NamedTuple):
         return jackknife(self.information, self.scores + self.information @ self.step())
 
     def variance_between(self) -> np.ndarray:
-        """Return the variances d² (p,) between stretches."""
+        """Return the variances d² (p,) of the p parameters between the stretches of flight."""
         count, scale = len(self.scores), np.median(self.variances, axis=0)
         estimates, variances = self.estimates / np.sqrt(scale), self.variances / scale
         significant = self._p_value(_weighted_squares(estimates, variances, 0.0)) < _SIGNIFICANCE_LEVEL

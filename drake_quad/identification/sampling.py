@@ -135,10 +135,10 @@ def logs_without_fast_commands(records: Sequence[FlightRecord], noise: Predictio
 
 
 def fast_command_fraction(record: FlightRecord) -> float:
-    """Return the power fraction of airborne commands above half of the Nyquist frequency.
+    """Return the fraction of the power of the rotor commands that is above half of the Nyquist frequency.
 
-    The mean command of the rotors, which does not turn the vehicle, is removed. The fraction is 0 without rotor
-    commands.
+    Only commands in flight are used. The mean command of the rotors, which does not turn the vehicle, is removed. The
+    fraction is 0 without rotor commands.
     """
     commands = record.motor_command if record.motor_command is not None else record.rotor_speed_command
     if commands is None:

@@ -34,11 +34,11 @@ from drake_quad.signals import AttitudeTarget
 
 # Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). The phases (rad) of the sines increase by
 # incommensurable steps from one waypoint to the next, so that no waypoint is visited twice.
-_CENTRE = np.array([0.0, 0.0, 1.5, 0.0])
-_AMPLITUDE = np.array([1.2, 1.2, 0.4, 0.5])
-_PHASE_STEPS = np.array([0.91, 0.73, 1.31, 1.73])
-_FIRST_PHASES = np.array([0.0, 1.0, 2.0, 3.0])
-_NUM_WAYPOINTS = 41
+_CENTRE = np.array([0.0, 0.0, 1.5, 0.0])  # mean of X, Y, Z (m) and yaw (rad)
+_AMPLITUDE = np.array([1.2, 1.2, 0.4, 0.5])  # amplitudes in X, Y, Z (m) and yaw (rad)
+_PHASE_STEPS = np.array([0.91, 0.73, 1.31, 1.73])  # rad, phase increments from one waypoint to the next
+_FIRST_PHASES = np.array([0.0, 1.0, 2.0, 3.0])  # rad, phases at the first waypoint
+_NUM_WAYPOINTS = 41  # number of waypoints
 # Thrust of one rotor at full throttle in Neural-Fly's autopilot, N, from diagrams/vehicles/neural_fly.yaml.
 _FULL_THRUST = 14.27
 
@@ -92,6 +92,7 @@ def _between(low: float, high: float) -> str:
     return f"{{uniform: {{min: {low}, max: {high}}}}}"
 
 
+# Overrides for the random parameters that all simulated vehicles have, in SI units.
 _BODY_DISTRIBUTIONS = (
     f"vehicle.inertia=[{_between(0.0056, 0.0084)}, {_between(0.0056, 0.0084)}, {_between(0.0096, 0.0144)}]",
     f"vehicle.rotor_time_constant={_between(0.03, 0.07)}",

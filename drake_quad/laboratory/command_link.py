@@ -93,7 +93,7 @@ class CommandLink(FleetSystem):
         loses_packets: bool = False,
         parameters: LinkParameters = LinkParameters(),
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         command, link = self.input(signal), self.parameter("link", lambda parameters: parameters)
         random = None
         if loses_packets:

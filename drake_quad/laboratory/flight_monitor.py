@@ -282,7 +282,7 @@ class FlightMonitor(FleetSystem):
         window: Window = Window(),
         metrics: type[Metrics] = Metrics,
     ) -> None:
-        """Declare ports and states."""
+        """Declare the ports and states of this system."""
         self._period, self._metrics = period, metrics
         accumulators = metric_accumulators(metrics)
         state, reference = self.input("state"), self.input("reference")

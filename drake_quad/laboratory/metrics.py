@@ -199,7 +199,7 @@ class ErrorSums(NamedTuple):
 
 
 def add_error(sums: ErrorSums, state: State, reference: Reference) -> ErrorSums:
-    """Add the position error of a tick."""
+    """Return the sums after the position error of a tick has been added."""
     e_x, e_y, e_z = reference.x - state.x, reference.y - state.y, reference.z - state.z
     x, y, z = e_x * e_x, e_y * e_y, e_z * e_z
     squares = sums.squares
@@ -341,7 +341,7 @@ class Metrics(NamedTuple):
 
     @property
     def crashed(self) -> Any:
-        """True if the vehicle crashed."""
+        """True for each vehicle that crashed."""
         return self.crash_time < math.inf
 
     @property

@@ -23,9 +23,9 @@ from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step, latest_sample
 from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State, Valid
 
-# Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The
-# error of eq (2) is of third order in the changes. If the changes over the two frames are unequal, as near a pitch of
-# 90°, the error is of second order.
+# Largest change of an angle over two frames for which eq (2) of the paper is used, rad; it corresponds to 2.5 rad/s at
+# 100 Hz. The error of eq (2) is of third order in the changes. If the changes over the two frames are unequal, as near
+# a pitch of 90°, the error is of second order.
 _MAX_ANGLE_CHANGE = 0.05
 
 
@@ -377,7 +377,7 @@ class MotionCapture(FleetSystem):
         longest_latency: int = 0,
         parameters: CameraParameters = CameraParameters(),
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         if filtered and parameters.derivative_bandwidth is None:
             raise ValueError("derivative_bandwidth is None, but filters need a bandwidth")
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)

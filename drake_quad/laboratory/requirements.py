@@ -148,7 +148,7 @@ def _is_within(time: Row, start: float, end: float) -> bool:
 
 
 def robustness(sums: RobustnessSums, ticks: Any, _: float) -> Any:
-    """Return the robustness; NaN if no tick was in the time window."""
+    """Return the robustness of a requirement; NaN if no tick was in its time window."""
     return np.where((sums.value == math.inf) | (sums.value == -math.inf), np.nan, sums.value)
 
 

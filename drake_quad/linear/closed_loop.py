@@ -32,7 +32,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Subsystems that only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
-_HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
+_HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))  # position in m
 # Largest state change over a period that counts as an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
 _ROTOR_SPEED = "vehicle.rotor_speed."  # part of the names of the rotor states

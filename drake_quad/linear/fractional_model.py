@@ -121,6 +121,7 @@ def fitting_points(num_parameters: int, generator: np.random.Generator) -> np.nd
     return np.vstack([np.zeros((1, k)), np.array([*axes, *planes]).reshape(-1, k), corners, inside])
 
 
+# Signs of two parameters at the four corners of their ranges. Opposite corners follow each other.
 _SIGNS = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
 
 

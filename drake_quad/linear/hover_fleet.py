@@ -141,7 +141,7 @@ class _PeriodMap:
         self.settled = self._read(diagram, self._context)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Return the states (n, N) after a period."""
+        """Return the states (n, N) of the N loops after one period, given the states x before it."""
         numbers = np.empty(x.size)
         numbers[self._order] = x
         # The monitor remembers a crash, which must not affect the next call.

@@ -251,5 +251,5 @@ def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> f
 
 
 def decibel(factor: float) -> float:
-    """Return a factor in dB."""
+    """Convert a gain factor to dB."""
     return 20.0 * math.log10(factor) if factor > 0.0 else -math.inf

@@ -110,11 +110,11 @@ class _LiftedSensitivity:
         return _LiftedSensitivity(self._closed, np.unique(np.concatenate([self._grid, *near])))
 
     def sizes(self, shift: float) -> np.ndarray:
-        """Return the largest singular values (points,) of S - shift I."""
+        """Return the largest singular value of S - shift I at each of the grid points, (points,)."""
         return np.linalg.norm(self.S - shift * np.eye(self.S.shape[1]), 2, axis=(1, 2))
 
     def with_factor(self, factor: complex) -> np.ndarray:
-        """Return det(S + Δ T) (points,) for a factor Δ."""
+        """Return det(S + Δ T) at each grid point, (points,), if the loop signal is multiplied by a factor Δ."""
         return np.prod(1.0 - (1.0 - factor) * self._eigenvalues, axis=1)
 
     def with_phase(self, phase: float) -> np.ndarray:
@@ -123,7 +123,7 @@ class _LiftedSensitivity:
         return np.concatenate([self.with_factor(turn).conj()[::-1], self.with_factor(turn.conj())])
 
     def with_delay(self, delay: float) -> np.ndarray:
-        """Return det(S + Δ T) (points,) for a delay, s."""
+        """Return det(S + Δ T) at each grid point, (points,), if the loop signal is delayed (s)."""
         change = 1.0 - np.exp(-1j * self._frequencies * delay)
         return np.linalg.det(np.eye(self.S.shape[1]) - change[:, :, np.newaxis] * self._T_by_frequency)
 
@@ -162,13 +162,13 @@ class _Limit:
         self._nominal = changes[0]
 
     def refine(self, loop: _LiftedSensitivity) -> None:
-        """Determine the limit again from the same loop on a finer grid."""
+        """Determine the stability limit more precisely, given the loop on a finer frequency grid."""
         if self.value is not None:
             ends = (1.0 - _MAX_LIMIT_ERROR) * self.value, (1.0 + _MAX_LIMIT_ERROR) * self.value
             self.value = self._between(loop, *(ends if self.value > self._nominal else ends[::-1]))
 
     def critical(self, loop: _LiftedSensitivity) -> int:
-        """Return the index of the frequency at which the loop becomes unstable."""
+        """Return the index of the grid frequency at which the loop becomes unstable at the stability limit."""
         assert self.value is not None
         sizes, points = np.abs(self._determinant(loop, self.value)), len(loop.S)
         # The curve of `with_phase` also has the negative frequencies, in reverse order.

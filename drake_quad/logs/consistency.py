@@ -39,9 +39,9 @@ _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest faul
 # At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
 # in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_ERROR_RATIO`
 # times its value. In correct logs, the other frame increases the error.
-_NUM_PARTS = 8
-_MIN_BETTER_PARTS = 6
-_MAX_FRAME_ERROR_RATIO = 0.75
+_NUM_PARTS = 8  # number of parts of a log
+_MIN_BETTER_PARTS = 6  # smallest number of parts in which the other frame is better
+_MAX_FRAME_ERROR_RATIO = 0.75  # error with the other frame, relative to the error with the declared one
 _MAX_SHIFT = 0.3  # s, largest time shift that is tried
 _MIN_SHIFT_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
@@ -150,7 +150,7 @@ class _Grid:
         self._starts: dict[int, np.ndarray] = {}
 
     def with_stride(self, stride: int) -> "_Grid":
-        """Return the grid with another number of steps from one window to the next."""
+        """Return a copy of the grid whose windows are `stride` steps apart."""
         return _Grid(self.signals, self.step, self.usable, stride=stride)
 
     def repaired(self, fault: Fault) -> "_Grid":
@@ -163,7 +163,7 @@ class _Grid:
         return result
 
     def num_steps(self, duration: float) -> int:
-        """Return the number of steps in a duration in s, at least one."""
+        """Return the number of grid steps in a duration (s), at least one."""
         return max(1, round(duration / self.step))
 
     def starts(self, width: int) -> np.ndarray:
@@ -175,17 +175,17 @@ class _Grid:
         return self._starts[width]
 
     def mean(self, values: np.ndarray, width: int) -> np.ndarray:
-        """Return the means (w, columns) over windows."""
+        """Return the means (w, columns) of values (n, columns) over each window of `width` steps."""
         return _all_means(values, width)[self.starts(width)]
 
     def rate(self, values: np.ndarray, width: int) -> np.ndarray:
-        """Return the mean derivatives (w, columns) over windows."""
+        """Return the mean time derivatives (w, columns) of values (n, columns) over each window of `width` steps."""
         starts = self.starts(width)
         return np.asarray((values[starts + width] - values[starts]) / (width * self.step))
 
     @cached_property
     def rotation(self) -> "scipy.spatial.transform.Rotation":
-        """Rotations (n,) from body to world."""
+        """Rotations (n,) from the body to the world frame, from the logged attitude."""
         return rotation_matrices(self.signals["attitude"])
 
     @cached_property
@@ -205,7 +205,7 @@ class _Grid:
 
     @property
     def velocity(self) -> np.ndarray | None:
-        """Velocity, or the derivative of the position if no velocity is logged."""
+        """Logged velocity, or the derivative of the logged position if no velocity is logged, m/s."""
         if "velocity" in self.signals or "position" not in self.signals:
             return self.signals.get("velocity")
         return np.asarray(np.gradient(self.signals["position"], self.step, axis=0))
@@ -395,7 +395,8 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Each comparison has groups of signals. It is possible if at least one signal of each group is logged.
+# Comparisons of redundant signals. Each comparison has groups of signals. It is possible if at least one signal of
+# each group is logged.
 _Comparison = Callable[[_Grid], _Pair]
 _COMPARISONS: list[tuple[_Comparison, tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),

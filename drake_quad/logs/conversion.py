@@ -23,13 +23,13 @@ _HELD_SIGNALS = ("motor_command", "thrust_fraction", "battery_voltage")
 _ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
 # Signals that change slowly. Their first value is used before their first sample, and their last value after the last.
 _SLOW_SIGNALS = ("battery_voltage", "wind", "hover_thrust_fraction")
-# A rotation by 180° about x converts NED to NWU, and FRD to FLU.
+# Frames whose z axis points down. A rotation by 180° about x converts NED to NWU, and FRD to FLU.
 _DOWNWARD_FRAMES = ("NED", "FRD")
-_HALF_TURN = np.array([1.0, -1.0, -1.0])
-_QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
+_HALF_TURN = np.array([1.0, -1.0, -1.0])  # signs of x, y and z after this rotation
+_QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])  # signs of w, x, y and z of a quaternion after this rotation
 # Range of the norm of a valid quaternion. Many logs begin with zeros.
-_MIN_QUATERNION_NORM = 0.5
-_MAX_QUATERNION_NORM = 2.0
+_MIN_QUATERNION_NORM = 0.5  # smallest norm
+_MAX_QUATERNION_NORM = 2.0  # largest norm
 # Plausible range of a motor command, relative to the full command. It is wide, since the full command in the log may be
 # unknown.
 _PLAUSIBLE_COMMANDS = (-0.5, 1.5)
@@ -80,7 +80,7 @@ class _Channel(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """True if the signal is known at each sample of its clock."""
+        """True if the signal has a value at every sample of its own clock."""
         return len(self.rows) == len(self.clock)
 
 

@@ -46,6 +46,7 @@ class Fault(NamedTuple):
     is_frame: bool = False
 
 
+# Descriptions of wrong units, keyed by the factor that corrects the logged values.
 _LENGTH_UNITS = {
     1e-3: "millimetres were taken for metres",
     1e-2: "centimetres were taken for metres",
@@ -73,7 +74,7 @@ _WRONG_UNITS = {
     "body_rate_command": _ANGLE_UNITS,
     "specific_force": _FORCE_UNITS,
 }
-_HALF_TURN = (1.0, -1.0, -1.0)
+_HALF_TURN = (1.0, -1.0, -1.0)  # signs of x, y and z after a rotation by 180° about x
 # Wrong signs of x, y and z that a log may have.
 _WRONG_SIGNS = [
     (-1.0, 1.0, 1.0),
@@ -92,8 +93,9 @@ _SWAPS = {
     (-1.0, 1.0, 1.0): "NWU was taken for ENU",
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
+# Descriptions of errors of the yaw, keyed by the angle (degrees) that corrects them.
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
-# Wrong frame, body or world, along whose axes a signal may be logged.
+# For each signal, the wrong frame (body or world) in which a log may contain it.
 _WRONG_FRAMES = {
     "body_rates": "world",
     "specific_force": "world",

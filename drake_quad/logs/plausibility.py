@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-# These signals vary in any flight, so a signal that is zero in the whole log was probably not measured.
+# The following signals vary in any flight, so a signal that is zero in the whole log was probably not measured.
 _NONZERO_SIGNALS = ("position", "velocity", "attitude", "body_rates", "specific_force")
 # A step of the position counts as a jump if it exceeds all three limits.
 _MIN_JUMP = 0.1  # m

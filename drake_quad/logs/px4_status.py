@@ -84,8 +84,8 @@ _VALIDITY_FLAGS = {
 }
 _DEFAULT_PULSE_RANGE = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
 _MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 that assigns motor 1; 102 assigns motor 2
-_NUM_MOTORS = 4
-_MICROSECOND = 1e-6
+_NUM_MOTORS = 4  # number of motors of a quadrotor
+_MICROSECOND = 1e-6  # s
 
 _Parameters = Mapping[str, Any]
 _Data = Mapping[str, np.ndarray]

@@ -133,7 +133,7 @@ class FlightRecord:
 
     @property
     def period(self) -> float:
-        """Median time between samples, s."""
+        """Median time between two samples of the log, s."""
         return float(np.median(np.diff(self.time)))
 
     def of(self, name: str) -> np.ndarray:
@@ -159,7 +159,7 @@ class FlightRecord:
         return replace(self, time=self.time[chosen], **signals)
 
     def __repr__(self) -> str:
-        """Return duration, number and rate of the samples, and names of the signals."""
+        """Return a summary of the log: duration, number and rate of the samples, and names of the signals."""
         return (
             f"<FlightRecord {self.name}: {self.time[-1] - self.time[0]:.1f} s, {len(self.time)} samples at"
             f" {1.0 / self.period:.0f} Hz; {', '.join(self.names)}>"

@@ -43,7 +43,7 @@ class LogFile(NamedTuple):
 
     @property
     def mark(self) -> Mark:
-        """Name of the file in error messages."""
+        """Name of the log file, as error messages write it."""
         return Mark(str(self.path), 0)
 
     @property
@@ -70,7 +70,7 @@ class LogFile(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the file without the suffixes of the compression and the format."""
+        """Name of the log file without the suffixes of its compression and format."""
         path = self.path.with_suffix("") if self.path.suffix in _COMPRESSION_SUFFIXES else self.path
         return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
 

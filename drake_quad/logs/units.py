@@ -16,8 +16,8 @@ class Unit(NamedTuple):
     zero: float = 0.0
 
 
-_STANDARD_GRAVITY = 9.80665
-_DEGREE = math.pi / 180.0
+_STANDARD_GRAVITY = 9.80665  # m/s²
+_DEGREE = math.pi / 180.0  # rad
 
 UNITS: dict[str, dict[str, Unit]] = {
     "s": {"s": Unit(1.0), "ms": Unit(1e-3), "us": Unit(1e-6), "ns": Unit(1e-9)},

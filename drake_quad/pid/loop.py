@@ -84,7 +84,7 @@ class Memory(NamedTuple):
 
     @classmethod
     def of(cls, terms: Terms | None) -> "Memory":
-        """Return the state before the first tick."""
+        """Return the state of a PID loop before its first tick."""
         integral, derivative, *_ = terms or Terms()
         return cls(
             None if integral is None else 0.0,
@@ -94,7 +94,7 @@ class Memory(NamedTuple):
 
 
 def saturate(value: Row, limit: Row) -> Row:
-    """Return the value, saturated at plus and minus the limit."""
+    """Return a value, saturated to the range from -limit to limit."""
     return maximum(minimum(value, limit), -limit)
 
 

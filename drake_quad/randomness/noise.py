@@ -57,9 +57,10 @@ def stream_numbers(
     """Return the random numbers of several streams.
 
     Args:
-        states: for each stream, a tuple with its initial state in each noise period; see `NoiseSource`.
-        kinds: for each stream a tuple: number of random numbers per tick; True for normal numbers, or False for
-            uniform numbers; number of ticks in a noise period.
+        states: tuple for each stream. It contains one state for each noise period, with which the stream starts; see
+            `NoiseSource`.
+        kinds: (num_rows, is_normal, num_ticks) of each stream: the number of random numbers per tick, True for normal
+            or False for uniform numbers, and the number of ticks in a noise period.
         ticks: tick of each stream.
     """
     return tuple(
@@ -113,7 +114,7 @@ class NoiseSource(FleetSystem):
     """
 
     def declare(self, *, streams: Sequence[Stream], noise_period: float = math.inf, parameters: Samples) -> None:
-        """Declare ports and parameters."""
+        """Declare the ports and parameters of this system."""
 
         def states(samples: Samples) -> tuple[tuple[StreamState, ...], ...]:
             seed, *periods = samples.seed, samples.indices, *samples.later_indices
@@ -244,7 +245,7 @@ class TickByTick(FleetSystem):
     """
 
     def declare(self, *, stream: Stream, period: float) -> None:
-        """Declare the ports."""
+        """Declare the ports of this system."""
         count = round(period / stream.period)
         of_period, of_tick = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
         numbers = self.input("numbers", layout=of_period)

@@ -25,14 +25,16 @@ from drake_quad.randomness.seeding import child_words
 from drake_quad.signals import Number, Row
 
 # Constants of SplitMix64.
-_GAMMA = np.uint64(0x9E3779B97F4A7C15)
+_GAMMA = np.uint64(0x9E3779B97F4A7C15)  # increment of the state
+# Factors of the two multiplications that mix the bits of a state.
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+# Right shifts (bits) before these multiplications, and after the last one.
 _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 # A uniform number is (n + 1/2) / 2⁵², where n consists of the first 52 bits of a word. It is therefore above 0 and
 # below 1.
 _FRACTION_SHIFT = np.uint64(12)
-_HALF_WORD_SHIFT = np.uint64(32)
-_LOW_HALF_MASK = np.uint64(2**32 - 1)
+_HALF_WORD_SHIFT = np.uint64(32)  # bits in half of a 64-bit word
+_LOW_HALF_MASK = np.uint64(2**32 - 1)  # mask of the low 32 bits of a 64-bit word
 
 
 class StreamKind(IntEnum):
@@ -52,10 +54,10 @@ class Samples(NamedTuple):
 
     Attributes:
         seed: seed of all samples, or a tuple with the seed of each sample.
-        indices: index of the sample of each vehicle in the first period.
-        later_indices: indices of the vehicles' samples in each period after the first; empty if there is only one
-            period.
-        period: length of each period, s; infinite if there is only one period.
+        indices: index of the sample of each vehicle in the first noise period.
+        later_indices: indices of the vehicles' samples in each noise period after the first; empty if there is only
+            one noise period.
+        period: length of each noise period, s; infinite if there is only one noise period.
     """
 
     seed: Seeds
@@ -65,7 +67,7 @@ class Samples(NamedTuple):
 
     @property
     def num_periods(self) -> int:
-        """Number of periods."""
+        """Number of noise periods, in each of which a vehicle has the noise of one sample."""
         return 1 + len(self.later_indices)
 
 
@@ -108,7 +110,7 @@ class StreamState(NamedTuple):
 
     @property
     def word(self) -> Any:
-        """State as a single word, uint64."""
+        """State of the stream as a single 64-bit word (uint64)."""
         return (to_uint64(self.high) << _HALF_WORD_SHIFT) | to_uint64(self.low)
 
 

@@ -19,7 +19,7 @@ from drake_quad.reference.walls import wall_approaches
 # Factors on the durations that are tried in this order if a sufficient factor cannot be estimated.
 _TRIED_FACTORS = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _NUM_BISECTIONS = 10  # steps of the search for the smallest factor on the durations at which a path exists
-_QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
+_QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}  # keyed by the order of the derivative
 
 
 def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:

@@ -35,9 +35,9 @@ from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix,
 
 DEGREE = 7  # degree of the polynomial of a segment
 NUM_FREE = 3  # velocity, acceleration and jerk, the derivatives that can be free at a waypoint
-# Indices of velocity, acceleration and jerk at the start and at the end of a segment, in its 8 boundary derivatives.
-START_DERIVATIVES = slice(1, 4)
-END_DERIVATIVES = slice(5, 8)
+# Indices of velocity, acceleration and jerk in the 8 boundary derivatives of a segment.
+START_DERIVATIVES = slice(1, 4)  # at the start of the segment
+END_DERIVATIVES = slice(5, 8)  # at the end of the segment
 # Order of each boundary derivative: 0 (position) to 3 (jerk) at the start, then 0 to 3 at the end.
 ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 

@@ -293,7 +293,7 @@ class MinimumSnapProgram:
         return rows, variables.T[free], constant
 
     def _solve_once(self) -> PolynomialPath:
-        """Solve the program with its present constraints."""
+        """Solve the optimisation problem with its present constraints."""
         values = self._base.copy()
         # Clarabel fails for a program without variables.
         if self.program.num_vars():
@@ -305,7 +305,7 @@ class MinimumSnapProgram:
         return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
 
     def _optimise(self, values: np.ndarray) -> None:
-        """Solve the program and add its solution to `values`."""
+        """Solve the optimisation problem and add its solution to `values`."""
         for tolerance in _SOLVER_TOLERANCES:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):

@@ -55,7 +55,7 @@ class PathLimits:
 
     @property
     def by_order(self) -> dict[int, float]:
-        """Finite limits by the order of the derivative that they bound."""
+        """Finite limits of the path, keyed by the order of the derivative of the position that they bound."""
         both = {1: self.speed, 2: self.acceleration}
         return {order: limit for order, limit in both.items() if limit < math.inf}
 
@@ -119,7 +119,7 @@ class PathProblem:
 
     @property
     def segments(self) -> int:
-        """Number of segments."""
+        """Number of path segments, one less than the number of waypoints."""
         return len(self.waypoints) - 1
 
     @property
@@ -157,9 +157,10 @@ class PathProblem:
         return None if _is_point(self.waypoints[waypoint]) else self._faces[waypoint]
 
     def inner_point(self, waypoint: int) -> np.ndarray:
-        """Return the allowed point of a waypoint that is farthest from all faces, (axes,) in m.
+        """Return the point (axes,) of a waypoint's allowed region that is farthest from the faces of this region, m.
 
-        The result is the waypoint's representative if no polytope applies at the waypoint.
+        If the waypoint is a point or a sphere, or if the allowed region is no polytope, the result is the point of the
+        waypoint in `representatives`.
         """
         faces, box = self.allowed_polytope(waypoint), self.allowed_box(waypoint)
         region = self.waypoints[waypoint]

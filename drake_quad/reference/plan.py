@@ -95,7 +95,7 @@ class Plan:
 
     @property
     def leg_times(self) -> list[float]:
-        """Start times of the legs, s."""
+        """Start times of the legs of the plan, s."""
         return [float(self.path.times[leg.first]) for leg in self.legs]
 
     @property
@@ -105,7 +105,7 @@ class Plan:
 
     @property
     def initial_yaw(self) -> float:
-        """Yaw at the beginning, rad."""
+        """Yaw of the reference at the beginning of the plan, rad."""
         return float(self.yaw.coefficients[0, 0, 0])
 
     def derivative(self, order: int) -> PiecewisePolynomial:
@@ -142,7 +142,7 @@ def _extend_rest(end: float, path: PolynomialPath) -> PolynomialPath:
 
 
 def _by_axis(path: PolynomialPath) -> np.ndarray:
-    """Return the coefficients as an (axes, segments, powers) array."""
+    """Return the coefficients of a path's polynomials as an (axes, segments, powers) array."""
     return path.coefficients.transpose(2, 0, 1)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 # Number of intervals into which a segment is divided to find peaks. A polynomial of low degree has at most one relevant
 # peak in each interval.
 NUM_CELLS = 48
-_CELL_EDGES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
+_CELL_EDGES = np.linspace(0.0, 1.0, NUM_CELLS + 1)  # ends of the intervals, as fractions of the segment
 # Number of bisections that locate a peak. The error in the peak value is quadratic in the error of its position, so
 # only rounding errors remain.
 _NUM_BISECTIONS = 16

@@ -134,7 +134,7 @@ class Polytope:
 
     @property
     def faces(self) -> int:
-        """Number of faces."""
+        """Number of faces of the polytope."""
         return len(self.offsets)
 
     @property

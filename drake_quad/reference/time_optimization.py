@@ -21,10 +21,10 @@ from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 # Largest change of the logarithm of a duration. Observed optima need smaller changes, and floating point is accurate
 # enough up to this change.
 _MAX_LOG_CHANGE = 5.0
-# Initial, largest and smallest radius of the trust region, as changes of the logarithm of a duration.
-_INITIAL_TRUST_RADIUS = 0.3
-_MAX_TRUST_RADIUS = 1.0
-_MIN_TRUST_RADIUS = 1e-6
+# Radii of the trust region, as changes of the logarithm of a duration.
+_INITIAL_TRUST_RADIUS = 0.3  # radius in the first step
+_MAX_TRUST_RADIUS = 1.0  # the radius is not increased further
+_MIN_TRUST_RADIUS = 1e-6  # the search ends if the radius is smaller
 _MAX_STEPS = 60  # largest number of linear programs that are solved, one after another
 # The optimisation ends when the predicted relative gain in the total duration is less than this.
 _MIN_GAIN = 1e-4

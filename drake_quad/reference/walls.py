@@ -34,7 +34,7 @@ class WallApproach(NamedTuple):
 
     @property
     def clearance(self) -> float:
-        """Distance to the nearer wall, m; negative beyond the wall."""
+        """Distance from the position to the nearer of the two walls, m; negative beyond the wall."""
         return min(self.position - self.low, self.high - self.position)
 
 

@@ -282,7 +282,7 @@ def near_best_fraction(sweep: Sweep) -> np.ndarray:
 
 
 def median_to_best_ratio(sweep: Sweep) -> np.ndarray:
-    """Return the ratio (samples,) of the median to the smallest error, among the gains without a crash."""
+    """Return, for each sample, the median divided by the smallest error over all gains without a crash."""
     rmse = _errors(sweep)
     return np.asarray(np.nanmedian(rmse, axis=0) / np.nanmin(rmse, axis=0))
 

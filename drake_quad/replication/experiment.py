@@ -59,7 +59,7 @@ class ExperimentSizes(NamedTuple):
 
 
 QUICK = ExperimentSizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
-"""Numbers of samples and settings for a quick experiment, which shows that everything runs."""
+"""Sizes of a quick experiment, which only shows that every part of the experiment runs."""
 
 
 class SweepPlan(NamedTuple):

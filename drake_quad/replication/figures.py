@@ -260,7 +260,10 @@ def fair_figure(experiment: Experiment) -> Figure:
 
 
 def advantage_figure(experiment: Experiment) -> Figure:
-    """Plot the relative reduction of the error by type 2, compared with type 1, over the camera noise and over q."""
+    """Plot by how much type-2 networks reduce the RMSE relative to type-1 networks.
+
+    The left panel varies the camera noise, and the right panel the weight q of the lower memberships.
+    """
     with print_panels(2.3, 1, 2, sharey=True) as (figure, ((left, right),)):
         sweeps = (
             (left, experiment.noise, "noise", NOISE_LEVELS, 1e3, "noise of the cameras (mm)"),

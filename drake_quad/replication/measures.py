@@ -50,7 +50,8 @@ _PD_OUTPUT = ("pd", "x", "y")
 # The pitch torque moves the vehicle along X, and the roll torque along Y.
 _TORQUE = ("wrench", "tau_y", "tau_x")
 
-OUR_EFFORT = "command_mean_square"
+OUR_EFFORT = "command_mean_square"  # definition of control effort that this library uses
+# Definitions of control effort, keyed by name.
 EFFORTS = {
     OUR_EFFORT: Effort("mean square of the command", *_COMMAND, _mean_square),
     "command_rms": Effort("root mean square of the command", *_COMMAND, lambda u: math.sqrt(_mean_square(u))),
@@ -69,9 +70,9 @@ EFFORTS = {
 def measures(flight: Flight) -> dict[str, float]:
     """Return all measures of a flight with a PD, keyed by name; NaN if the vehicle crashed.
 
-    - The efforts of `EFFORTS` on both axes. Their names end in "_x" and "_y".
-    - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by its RMS in the quarter
-      after the climb.
+    - The control efforts that `EFFORTS` defines, along X and along Y. Their names end in "_x" and "_y".
+    - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by its RMS in the first
+      quarter of the flight's duration after the climb.
     - "pd_return": RMS of the PD's horizontal output in the first second of each route segment, divided by its RMS in
       the last second of the segment before.
     - "path_error": RMS distance to the nearest point of the path, m.

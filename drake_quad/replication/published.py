@@ -43,7 +43,7 @@ class Cell(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Wind and controller as text."""
+        """Wind and controller of the cell, as text."""
         return f"{WINDS[self.wind]}, {CONTROLLERS[self.controller]}"
 
 

@@ -50,7 +50,7 @@ def verdict_from_conditions(needed: Sequence[bool | None], *enough: bool | None)
 
 
 def reduction(ratio: Interval) -> Interval:
-    """Return the relative reduction for a ratio of means: one minus the ratio."""
+    """Return the relative reduction of a mean: one minus the ratio of the two means."""
     return -ratio.plus(-1.0)
 
 

@@ -12,7 +12,7 @@ from drake_quad.scenario.paths import distributions_in, with_values
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.signals import valid_signal
 
-_HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
+_HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))  # position in m
 
 
 def at_rest(scenario: Scenario) -> Scenario:

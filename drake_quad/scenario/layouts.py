@@ -138,7 +138,7 @@ class RotorPlacement(Model):
 
 @LAYOUTS.register
 class RotorsLayout(RotorLayout):
-    """Four rotors at any positions, numbered from 1 in the order of the list."""
+    """Four rotors at any positions, numbered from 1 in the order in which they are listed."""
 
     kind: Literal["rotors"]
     rotors: Annotated[tuple[RotorPlacement, RotorPlacement, RotorPlacement, RotorPlacement], Field(strict=False)] = (

@@ -42,10 +42,10 @@ MAX_NETWORK_BYTES = 300_000
 # for each parameter.
 MAX_SHARED = 64
 
-# Largest magnitude of a number, in any unit. No formula overflows with such numbers.
+# Largest magnitude of a number in a scenario, in any unit. No formula overflows with such numbers.
 MAX_MAGNITUDE = 1e9
-# Smallest positive number, in any unit. No real vehicle has smaller values: the moment of inertia of an insect is 1e-9
-# kg m².
+# Smallest positive number that a scenario may contain, in any unit. No real vehicle has smaller values: the moment of
+# inertia of an insect is 1e-9 kg m².
 MIN_MAGNITUDE = 1e-12
 # Shortest period, and shortest time between two waypoints, s. Cameras and autopilots are not faster than 10 kHz.
 MIN_DURATION = 1e-4

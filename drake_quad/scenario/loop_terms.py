@@ -68,6 +68,9 @@ class LoopTerms(Model):
 
 
 def _gain(gains: Any, axis: int) -> Any:
-    """Return the gain on an axis; None if it is missing or 0, so that the loop needs no state for its term."""
+    """Return the gain of a term on an axis.
+
+    The result is None if the gain is missing or 0. The loop then omits the term and needs no state for it.
+    """
     gain = None if gains is None else gains[axis]
     return None if isinstance(gain, float) and gain == 0.0 else gain

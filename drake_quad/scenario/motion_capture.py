@@ -74,12 +74,12 @@ class MotionCaptureSettings(AidingSensor, Model):
 
     @property
     def can_miss(self) -> bool:
-        """True if frames can be lost."""
+        """True if camera frames can be lost."""
         return can_differ_from_zero(self.dropout_rate)
 
     @property
     def latency(self) -> Any:
-        """Delay from exposure to arrival, in whole frame periods."""
+        """Delay from the exposure of a camera frame to its arrival, in whole frame periods."""
         return self.latency_frames
 
     def aiding_parameters(self, deviations: tuple[Any, ...]) -> PoseAiding:

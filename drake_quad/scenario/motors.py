@@ -18,7 +18,7 @@ class SpeedMotors(Model):
     take_throttles: ClassVar = False
 
     def thrust_curve(self) -> ThrustCurve | None:
-        """Return None, since the command is the rotor speed."""
+        """Return None, since the commands are rotor speeds instead of throttles."""
         return None
 
 

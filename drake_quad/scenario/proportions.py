@@ -11,13 +11,13 @@ _MAX_THRUST_RATIO = 30.0
 # Range of plausible ratios between a radius of gyration and the arm length. The ratio about the vertical axis is 1 if
 # the whole mass is at the ends of the arms. It is 0.3 to 0.8 for the shipped vehicles.
 _GYRATION_RATIOS = (0.1, 3.0)
-_TYPICAL_GYRATION_RATIO = 0.5
+_TYPICAL_GYRATION_RATIO = 0.5  # radius of gyration, relative to the arm length
 # Range of plausible ratios between drag factor and thrust factor, m. The ratio is 8 to 17 % of the propeller diameter
 # for the shipped vehicles, and propellers have diameters of 30 mm to 0.8 m.
 _DRAG_RATIOS = (3e-4, 0.3)
 # Largest plausible ratio between a rotor's moment of inertia and that of the vehicle about the vertical axis.
 _MAX_ROTOR_INERTIA_RATIO = 0.5
-_RAD_PER_SECOND_PER_RPM = math.tau / 60.0
+_RAD_PER_SECOND_PER_RPM = math.tau / 60.0  # rad/s in one revolution per minute
 # Other units in which a moment of inertia may have been given by mistake, with their conversion factors to kg m².
 _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 

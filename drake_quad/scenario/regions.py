@@ -33,7 +33,7 @@ class BoxRegion(Model):
         return self
 
     def box(self) -> Box:
-        """Return the region as a box of the planner."""
+        """Return the region as a `Box` of the path planner."""
         return Box(self.min, self.max)
 
 

@@ -28,7 +28,7 @@ def file_schema() -> dict[str, Any]:
     definitions["Waypoint"] = {"anyOf": [waypoint, {"type": "array", "minItems": 3, "maxItems": 3}]}
     times = definitions["WaypointRoute"]["properties"]["times"]
     times["oneOf"] += [{"type": "array"}, {"enum": list(times["discriminator"]["mapping"])}]
-    # These fields may contain a file name in place of the file's content.
+    # The following fields may contain a file name in place of the file's content.
     definitions["TrajectoryRoute"]["properties"]["pieces"]["anyOf"].append({"type": "string"})
     for name in ("Type1Network", "Type2Network"):
         definitions[name]["properties"]["learned"]["anyOf"].append({"type": "string"})

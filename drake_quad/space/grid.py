@@ -56,12 +56,12 @@ class Grid:
 
     @property
     def spacing(self) -> float:
-        """Largest of the three steps, m."""
+        """Largest of the grid steps along the three axes, m."""
         return float(self.steps.max())
 
     @cached_property
     def nearest(self) -> np.ndarray:
-        """(n,) distance from each point to the nearest obstacle, m."""
+        """(n,) distance from each grid point to the nearest obstacle, m."""
         distances = (obstacle.shape.distances(self.points) for obstacle in self.space.obstacles)
         return reduce(np.minimum, distances, np.full(len(self.points), np.inf))
 

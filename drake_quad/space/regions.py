@@ -25,8 +25,8 @@ MIN_COMMON_RADIUS = 1e-3
 _MAX_IRIS_ROUNDS = 4
 _MIN_IRIS_GAIN = 0.05  # smallest relative growth of the region's ellipsoid that is worth a further iteration
 # Fraction of the free points that the regions must cover. Growth ends earlier if there are `_MAX_REGIONS` regions.
-_MIN_COVERAGE = 0.95
-_MAX_REGIONS = 40
+_MIN_COVERAGE = 0.95  # fraction of the free points
+_MAX_REGIONS = 40  # largest number of regions
 # Distance outside a face up to which a point counts as inside the region, m, to allow for rounding errors.
 _FACE_TOLERANCE = 1e-9
 

@@ -218,7 +218,7 @@ class Hull:
 
     @property
     def centre(self) -> Vector:
-        """Mean of the corners, m."""
+        """Mean of the corners of the hull, m."""
         return tuple(np.mean(self.corners, axis=0).tolist())
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:

@@ -18,14 +18,13 @@ INFINITIES = ("-∞", "∞")
 
 _WIDTH_DIGITS = 2  # significant digits of half an interval's width
 _DIGITS_WITHOUT_INTERVAL = 3  # significant digits of an estimate without an interval
-# Largest number of additional digits that are printed so that an end of the interval is not rounded to a level such as
-# zero; see `levels` in `Interval.text`.
+# Largest number of additional digits that are printed so that an end of a confidence interval is not rounded to a level
+# such as zero; see `levels` in `Interval.text`.
 _MAX_LEVEL_DIGITS = 3
 _EXACT_DIGITS = 12  # number of significant digits that rounding errors do not affect
-_ROUNDING_TOLERANCE = 1e-9  # largest rounding error, relative to the largest number of the interval
-# Numbers outside this range are written with an exponent.
-_MIN_PLAIN_NUMBER = 1e-4
-_MAX_PLAIN_NUMBER = 1e7
+_ROUNDING_TOLERANCE = 1e-9  # largest rounding error, relative to the larger end of a confidence interval
+_MIN_PLAIN_NUMBER = 1e-4  # smaller numbers are written with an exponent
+_MAX_PLAIN_NUMBER = 1e7  # larger numbers are written with an exponent
 
 
 class Interval(NamedTuple):
@@ -89,7 +88,7 @@ class Interval(NamedTuple):
         return f"{estimate} [{low}, {high}]" if is_bounded or is_unbounded else estimate
 
     def without_interval(self) -> "Interval":
-        """Return the estimate without its interval."""
+        """Return the estimate without its confidence interval."""
         return Interval(self.value, math.nan, math.nan)
 
     def percent(self) -> str:
@@ -97,15 +96,15 @@ class Interval(NamedTuple):
         return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
 
     def ratio(self) -> str:
-        """Return a ratio as text; see `text`, with 0 and 1 as `levels`."""
+        """Return the estimate of a ratio as text; see `text`, with 0 and 1 as `levels`."""
         return self.text(levels=(0.0, 1.0))
 
     def metres(self) -> str:
-        """Return a length as text in m; see `text`."""
+        """Return the estimate of a length (m) as text in m; see `text`."""
         return self.text(unit="m")
 
     def millimetres(self) -> str:
-        """Return a difference of lengths as text in mm; see `text`."""
+        """Return the estimate of a difference of lengths (m) as text in mm; see `text`."""
         return self.text(unit="mm", size=1e-3, signed=True)
 
 

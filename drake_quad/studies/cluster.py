@@ -12,9 +12,9 @@ from drake_quad.process_settings import ProcessSetting
 from drake_quad.studies.provenance import code_difference, provenance
 from drake_quad.studies.worker_pool import Outcome, WorkerPool, failed_outcome, run_task
 
-# The timeouts (s) are long, since the scheduler may run on a busy machine.
-_CONNECTION_TIMEOUT = 10.0
-_REPLY_TIMEOUT = 30.0
+# The timeouts are long, since the scheduler may run on a busy machine.
+_CONNECTION_TIMEOUT = 10.0  # s, for the connection to the scheduler
+_REPLY_TIMEOUT = 30.0  # s, for a reply of the scheduler
 _POLL_PERIOD = 0.05  # s between checks of the futures; a check takes microseconds
 _REQUEST_PERIOD = 2.0  # s between requests to the scheduler; a request takes milliseconds
 _MAX_TIME_WITHOUT_WORKERS = 60.0  # s; an automatically scaled cluster may have no workers for a while

@@ -162,7 +162,7 @@ class _Worker:
         return max(self._deadline - time.monotonic(), 0.0)
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> None:
-        """Send a task to the process."""
+        """Send a task to the worker process."""
         self._argument, self.busy = argument, True
         self._deadline = time.monotonic() + self._time_limit
         with suppress(BrokenPipeError, ConnectionResetError):  # `outcome` reports that the process has ended
@@ -199,7 +199,7 @@ class _Worker:
         return None
 
     def end(self) -> None:
-        """Kill the process."""
+        """Kill the worker process."""
         self.process.kill()
         self.process.join()
         self._pipe.close()

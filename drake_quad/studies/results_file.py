@@ -42,7 +42,7 @@ class RowFormat(NamedTuple):
 
     @property
     def header(self) -> bytes:
-        """First line of the file."""
+        """First line of the results file, with the names of its columns."""
         return (",".join([*self.columns, CHECKSUM]) + "\n").encode()
 
     def text(self, rows: np.ndarray) -> bytes:

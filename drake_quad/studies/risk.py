@@ -84,7 +84,7 @@ class Event(NamedTuple):
         return cls(match[1], _SIGNS[match[2]], bound)
 
     def __str__(self) -> str:
-        """Return the event as text."""
+        """Return the event as text, such as `rmse > 0.1` or `crash`."""
         return self.metric if self.metric == _CRASH else f"{self.metric} {'>' if self.sign > 0 else '<'} {self.bound:g}"
 
     def performance(self, metrics: Metrics) -> np.ndarray:
@@ -303,7 +303,7 @@ def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
 
 
 def _probability(runs: Sequence[SubsetRun]) -> Interval:
-    """Return the probability of the event, with an exact interval if no run has more than one step."""
+    """Estimate the probability of the event from all runs; exact interval if no run has more than one step."""
     if all(len(run.levels) == 1 for run in runs):
         count, total = (sum(sizes) for sizes in zip(*((len(run.performance), run.history.size) for run in runs)))
         return proportion_interval(count, total)

@@ -32,9 +32,8 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.replicates import INDEPENDENT, Replicates
 from drake_quad.studies.study import Study
 
-# Smallest and largest default number of bins in `crash_bins`.
-_MIN_BINS = 2
-_MAX_BINS = 20
+_MIN_BINS = 2  # smallest default number of bins in `crash_bins`
+_MAX_BINS = 20  # largest default number of bins in `crash_bins`
 
 
 def metric_mean(metrics: Metrics, name: str, replicates: Replicates = INDEPENDENT) -> Interval:

@@ -20,11 +20,11 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.sequential import mean_sequence, probability_sequence
 from drake_quad.studies.statistics import values_with_crashes, values_without_crashes
 
-_CRASH = "crash"
-# Rules are evaluated after the first number of samples, and again whenever the number has grown by the ratio. The first
-# number is large enough for the normal approximation of the mean.
+_CRASH = "crash"  # quantity of a rule about the probability of a crash
+# Number of samples after which a rule is evaluated for the first time. It is large enough for the normal approximation
+# of the mean.
 _FIRST_CHECKPOINT = 256
-_CHECKPOINT_RATIO = 1.25
+_CHECKPOINT_RATIO = 1.25  # ratio between the numbers of samples at two successive evaluations of a rule
 _RULE_PATTERN = re.compile(r"\s*(\w+)\s*(?:±|\+-|\+/-)\s*([^\s%]+)\s*(%?)\s*")
 
 
@@ -71,7 +71,7 @@ class StoppingRule(NamedTuple):
         return cls(quantity, half_width, quantity in (_CRASH, *requirements))
 
     def estimate(self, metrics: Metrics) -> Interval:
-        """Return the estimate from (n,) metrics, with its interval."""
+        """Return the estimate of the rule's mean or probability, with its interval, from the metrics of n flights."""
         if self.quantity == _CRASH:
             return probability_sequence(int(np.sum(metrics.crashed)), len(metrics.crashed))
         if self.is_probability:
@@ -81,7 +81,7 @@ class StoppingRule(NamedTuple):
         return mean_sequence(values_without_crashes(metrics, self.quantity))
 
     def text(self, metrics: Metrics) -> str:
-        """Return the estimate with its interval and unit, as text."""
+        """Return the estimate of the rule's mean or probability as text, with its interval and unit."""
         if self.is_probability:
             return self.estimate(metrics).percent()
         definition = metrics.definitions[self.quantity]
@@ -89,7 +89,7 @@ class StoppingRule(NamedTuple):
         return self.estimate(metrics).text(unit=unit, size=size)
 
     def is_met(self, metrics: Metrics) -> bool:
-        """Return whether the interval is short enough."""
+        """Return whether the confidence interval of the estimate is short enough to stop the study."""
         estimate = self.estimate(metrics)
         limit = self.half_width if self.is_probability else self.half_width * abs(estimate.value)
         return 0.5 * (estimate.high - estimate.low) <= limit

@@ -100,7 +100,7 @@ class Study:
         )
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return a one-line description of the study."""
         crashed, num_samples = int(self.metrics.crashed.sum()), len(self.samples)
         failed = f", {len(self.failures)} not flown" if self.failures else ""
         fields = join_names([*self.parameters]) or "none"
@@ -403,7 +403,7 @@ class Record(BaseModel):
         )
 
     def write(self, path: Path) -> None:
-        """Write the record to a YAML file."""
+        """Write the record of the study to a YAML file."""
         YAML().dump(self.model_dump(exclude_none=True), path)
 
 

@@ -200,11 +200,11 @@ def open_rows(
 
 
 @contextmanager
-def report_saved_results(saved: Callable[[], str]) -> Iterator[None]:
+def report_saved_results(describe_saved: Callable[[], str]) -> Iterator[None]:
     """Add a text on the saved results to the messages of errors and of an interruption by Ctrl-C.
 
     Args:
-        saved: function that returns the text, such as `StudyRows.saved`.
+        describe_saved: function that returns the text, such as `StudyRows.saved`.
 
     Raises:
         StudyInterrupted: if the user pressed Ctrl-C.
@@ -212,13 +212,13 @@ def report_saved_results(saved: Callable[[], str]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise StudyInterrupted(f"interrupted: {saved()}") from None
+        raise StudyInterrupted(f"interrupted: {describe_saved()}") from None
     except OSError as error:
-        raise OSError(f"{error}; {saved()}") from error
+        raise OSError(f"{error}; {describe_saved()}") from error
     except RuntimeError as error:
-        raise RuntimeError(f"{error}; {saved()}") from error
+        raise RuntimeError(f"{error}; {describe_saved()}") from error
     except MemoryError as error:
-        raise MemoryError(f"there is not enough memory; {saved()}") from error
+        raise MemoryError(f"there is not enough memory; {describe_saved()}") from error
 
 
 class StudyInterrupted(KeyboardInterrupt):

@@ -43,7 +43,7 @@ class Flow(NamedTuple):
         air: velocity u of the air relative to the vehicle, along the axes of B, m/s.
         air_in_world: the same velocity along the axes of W, m/s.
         rotors: speeds of the rotors.
-        wrench: thrust and torques of the rotors by eq (5), without additional loads.
+        wrench: thrust and torques of the rotors by eq (5) of the paper, without additional loads.
         height: height of the vehicle in W, m.
         parameters: parameters of the vehicle.
     """

@@ -1,4 +1,4 @@
-"""Control allocation from a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits.
+"""Control allocation from a commanded wrench to rotor speeds: the paper's eq (5), inverted within the rotors' limits.
 
 If the rotors cannot produce the whole wrench, a `Priority` determines the order in which its parts are chosen:
 
@@ -443,7 +443,7 @@ class Allocation(FleetSystem):
         priority: Priority = "roll_pitch",
         parameters: RotorModel = RotorModel.of(QuadrotorParameters()),
     ) -> None:
-        """Declare ports and parameters."""
+        """Declare the ports and parameters of this system."""
         wrench, rotors = self.input("wrench"), self.parameter("rotors", lambda rotors: rotors)
         formula = allocate_to_pairs if paired else allocate
         self.packed_output("rotor_speed_command_and_shortfall", AllocationOutput, formula, wrench, rotors, priority)

@@ -35,16 +35,16 @@ class IntegratedAttitude(Protocol):
 
     @property
     def start(self) -> Any:
-        """Coordinates at the start of the step, a record."""
+        """Record of the attitude's coordinates at the start of an integration step."""
 
     def axes(self, coordinates: Any) -> BodyAxes:
-        """Return the axes of B in W."""
+        """Return the axes of B in W for the given attitude coordinates."""
 
     def rates(self, coordinates: Any, body_rates: BodyRates) -> Any:
         """Return the time derivatives of the attitude's coordinates, 1/s."""
 
     def attitude(self, coordinates: Any) -> Attitude:
-        """Return roll, pitch and yaw."""
+        """Return roll, pitch and yaw for the given attitude coordinates, rad."""
 
 
 class AttitudeKinematics(NamedTuple):
@@ -88,7 +88,7 @@ class IntegratedQuaternion(NamedTuple):
         return NO_ROTATION
 
     def axes(self, coordinates: Quaternion) -> BodyAxes:
-        """Return the axes of B in W after a rotation from the start of the step."""
+        """Return the axes of B in W, given the rotation since the start of the integration step."""
         if coordinates is NO_ROTATION:
             return self.initial_axes
         return BodyAxes._make(self.initial_axes.in_world(axis) for axis in coordinates.axes())
@@ -132,7 +132,7 @@ def _angles_in_heading(
 
 
 RIGID_KINEMATICS = AttitudeKinematics(angle_rates, IntegratedQuaternion.of)
-"""Kinematics of a rigid body, eq (2)."""
+"""Kinematics of a rigid body, eq (2) of the paper."""
 
 
 class IntegratedAngles(NamedTuple):
@@ -145,15 +145,15 @@ class IntegratedAngles(NamedTuple):
     start: Attitude
 
     def axes(self, coordinates: Attitude) -> BodyAxes:
-        """Return the axes of B in W."""
+        """Return the axes of B in W for the given attitude coordinates."""
         return BodyAxes.of(*coordinates)
 
     def rates(self, coordinates: Attitude, body_rates: BodyRates) -> Attitude:
-        """Return the rates of the angles, rad/s."""
+        """Return the rates of roll, pitch and yaw, rad/s."""
         return Attitude(*body_rates)
 
     def attitude(self, coordinates: Attitude) -> Attitude:
-        """Return the angles."""
+        """Return roll, pitch and yaw, which are the coordinates themselves, rad."""
         return coordinates
 
 
@@ -163,4 +163,4 @@ def _angle_rates_of(body_rates: BodyRates, attitude: Attitude) -> Attitude:
 
 
 SMALL_ANGLE_KINEMATICS = AttitudeKinematics(_angle_rates_of, IntegratedAngles)
-"""Small-angle kinematics of eq (3), in which p, q, r are the rates of roll, pitch and yaw."""
+"""Small-angle kinematics of eq (3) of the paper, in which p, q, r are the rates of roll, pitch and yaw."""

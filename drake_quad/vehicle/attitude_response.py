@@ -119,7 +119,7 @@ BodyRatesOf = Callable[[Attitude, Attitude], BodyRates]
 
 
 def _angle_rates_as_body_rates(rates: Attitude, attitude: Attitude) -> BodyRates:
-    """Return the angle rates as body rates, the small-angle approximation of eq (3)."""
+    """Return the angle rates as body rates, the small-angle approximation of eq (3) of the paper."""
     return BodyRates(*rates)
 
 
@@ -282,7 +282,7 @@ def stepping_acceleration(body: AttitudeResponseBody, rotors: RotorSpeed, *other
 
 
 def _initial_state(config: AttitudeResponseConfig) -> AttitudeResponseState:
-    """Return the state of a vehicle at time 0."""
+    """Return the state of a vehicle with a prescribed attitude response at time 0."""
     vehicle = config.vehicle
     body, rotors, _, _ = initial_state(vehicle.parameters, vehicle.start, vehicle.effects, vehicle.motion)
     x, y, z, roll, pitch, yaw, v_x, v_y, v_z, p, q, r = body
@@ -345,7 +345,7 @@ class AttitudeResponseQuadrotor(FleetSystem):
         effects: tuple[str, ...] = (),
         parameters: AttitudeResponseConfig,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         unknown = set(effects).difference(ATTITUDE_RESPONSE_EFFECTS)
         if unknown:
             raise ValueError(

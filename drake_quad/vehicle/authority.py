@@ -29,7 +29,7 @@ def explain_missing_wrench(rotors: Rotors) -> str | None:
         for rotor in rotors
         for row in (1.0, rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor)
     ]
-    # These matrices (N, 4, 4) map the rotor forces to the wrench of each vehicle.
+    # The matrices `maps` (N, 4, 4) map the rotor forces to the wrench of each vehicle.
     maps = np.array(np.broadcast_arrays(*rows), dtype=float).reshape(4, 4, -1).T
     _, *arms, levers = np.moveaxis(maps, 1, 0)
     arm, lever = np.hypot(*arms).max(axis=1), np.abs(levers).max(axis=1)

@@ -388,7 +388,7 @@ class AttitudeAutopilot(FleetSystem):
         rules: LoopRules = LoopRules(),
         parameters: AutopilotParameters,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         parameter = self.parameter("autopilot", lambda parameters: parameters)
         target, state = self.input("attitude_target"), self.input("state")
         noise = None
@@ -426,5 +426,5 @@ class ThrustOnly(FleetSystem):
     """
 
     def declare(self) -> None:
-        """Declare the ports."""
+        """Declare the ports of this system."""
         self.output("wrench", wrench_without_torque, self.input("attitude_target"))

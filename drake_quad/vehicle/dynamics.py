@@ -53,7 +53,7 @@ class Motion(NamedTuple):
 
 
 class RotorAction(NamedTuple):
-    """Action of the rotors on the body: eqs (4) and (5).
+    """Action of the rotors on the body: eqs (4) and (5) of the paper.
 
     Attributes:
         wrench: total thrust of the rotors, and their torques about the centre of mass.
@@ -65,7 +65,7 @@ class RotorAction(NamedTuple):
 
 
 def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
-    """Return the wrench and the residual speed for rotor speeds, by eqs (4) and (5)."""
+    """Return the wrench and the residual speed for rotor speeds, by eqs (4) and (5) of the paper."""
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     squares = [w * w for w in speed]
     forces = [rotor.thrust_factor * square for rotor, square in zip(rotors, squares, strict=True)]
@@ -82,7 +82,7 @@ def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAct
 
 
 def residual_speed(speed: RotorSpeed, rotors: Rotors) -> Row:
-    """Return ω_r of eq (4) for rotor speeds, or its rate of change for the rates of the rotor speeds."""
+    """Return ω_r of eq (4) of the paper for rotor speeds, or its rate of change for the rates of the rotor speeds."""
     return total([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)])
 
 
@@ -94,7 +94,7 @@ def mean_rotor_position(parameters: QuadrotorParameters) -> Vector:
 
 
 def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
-    """Return the drag force D of eq (3) in W, N: (c₁ + c₂ |v|) v.
+    """Return the drag force D of eq (3) of the paper in W, N: (c₁ + c₂ |v|) v.
 
     Args:
         airspeed: velocity v of the air relative to the vehicle in W, m/s.
@@ -114,7 +114,7 @@ def equations_of_motion(
     parameters: QuadrotorParameters,
     force: Vector | None = None,
 ) -> Motion:
-    """Return the linear and angular accelerations of the vehicle, the part of eq (3) without the kinematics.
+    """Return the linear and angular accelerations of the vehicle: eq (3) of the paper without the kinematics.
 
     Args:
         axes: axes of B in W.
@@ -160,7 +160,7 @@ def target_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, fac
 
 
 def hover_rotor_speeds(parameters: QuadrotorParameters) -> RotorSpeed:
-    """Return the rotor speeds for hover in still air, whose wrench by eq (5) balances the weight without torque.
+    """Return the rotor speeds for hover in still air, whose wrench balances the weight without a torque.
 
     The four speeds differ if the rotors are not equal or the centre of mass is not in the middle. The speed is zero for
     a rotor that would have to push the vehicle down.

@@ -31,7 +31,7 @@ class RotorFaults(NamedTuple):
 
 
 def speed_factors(faults: RotorFaults, time: Row) -> SpeedFactors:
-    """Return the factors on the rotor speeds at a time (s)."""
+    """Return the factors by which faults reduce the rotor speeds at a time (s)."""
     battery_factor = maximum(1.0 - faults.battery_sag * time, 0.0)
     failed = time >= faults.failure_time
     return SpeedFactors._make(battery_factor * where(failed, remaining, 1.0) for remaining in faults.failure_factor)

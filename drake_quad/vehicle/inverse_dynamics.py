@@ -65,5 +65,5 @@ def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: Quadr
 
 
 def _wrench_matrix(parameters: QuadrotorParameters) -> np.ndarray:
-    """Return the (4, 4) matrix of eq (5), which maps squared rotor speeds to the wrench."""
+    """Return the (4, 4) matrix of eq (5) of the paper, which maps squared rotor speeds to the wrench."""
     return np.array([rotor_action(RotorSpeed(*column), parameters).wrench for column in np.eye(4)]).T

@@ -1,4 +1,4 @@
-"""Mixer: the linear map from a wrench to squared rotor speeds, which is the inverse of eq (5)."""
+"""Mixer: the linear map from a wrench to squared rotor speeds, which is the inverse of eq (5) of the paper."""
 
 from typing import Annotated, NamedTuple
 
@@ -18,7 +18,7 @@ class MixerRow(NamedTuple):
 
 
 class Mixer(NamedTuple):
-    """Inverse of eq (5), with one row for each rotor."""
+    """Inverse of eq (5) of the paper, with one row for each rotor."""
 
     rotor_1: MixerRow
     rotor_2: MixerRow

@@ -210,7 +210,7 @@ class ThrottleAllocation(FleetSystem):
     """
 
     def declare(self, *, paired: bool = False, priority: Priority = "roll_pitch", parameters: ThrottleModel) -> None:
-        """Declare ports and parameters."""
+        """Declare the ports and parameters of this system."""
         wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
         arguments = wrench, model, priority, allocate_to_pairs if paired else allocate
         self.packed_output("throttle_command_and_shortfall", ThrottleAllocationOutput, allocate_throttle, *arguments)

@@ -205,7 +205,7 @@ class Quadrotor(FleetSystem):
         effects: tuple[str, ...] = (),
         parameters: QuadrotorConfig = QuadrotorConfig(),
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         if {"slung_load", "payload"} <= set(effects):
             raise ValueError("the effects payload and slung_load cannot be combined")
         self.time_step = time_step

@@ -8,7 +8,7 @@ Length = Annotated[Row, Quantity("m", "B")]
 ThrustFactor = Annotated[Row, Quantity("N s²", sign="positive")]
 DragFactor = Annotated[Row, Quantity("N m s²", sign="nonnegative")]
 
-# Directions of rotation, seen from above.
+# Directions of rotation of a rotor, seen from above.
 CLOCKWISE = -1.0
 ANTICLOCKWISE = 1.0
 

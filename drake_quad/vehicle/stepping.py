@@ -142,7 +142,7 @@ def flying_step(
     """Return the state at the end of a step of a vehicle that has not crashed, given the target rotor speeds."""
     body, half = before.body, 0.5 * time_step
     rotors_of_stages = start, middle, end = rotor_states_over_step(before.rotors, target, half, parameters, effects)
-    # Each stage of the method is given by the state of the rotors and the time since the start of the step, s.
+    # Each stage of the Runge-Kutta method: state of the rotors, and time since the start of the step, s.
     stages = (start, 0.0), (middle, half), (middle, half), (end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     payload_time = 0.0 if effects.payload is None else time - half
@@ -180,7 +180,7 @@ def flying_step(
 
 
 def _discharge_rate(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
-    """Return the rate at which rotors draw charge."""
+    """Return the rate at which the rotors draw charge from the battery."""
     return charge_rate(rotor_battery_load(charge, speed, parameters, battery).current)
 
 

@@ -20,5 +20,5 @@ class TrimForce(NamedTuple):
     z: ForceB = 0.0
 
     def load(self, flow: Flow) -> Load:
-        """Return the force, which has no torque."""
+        """Return the load of the trim force, which has no torque."""
         return Load(Vector(self.x, self.y, self.z), Vector(0.0, 0.0, 0.0))

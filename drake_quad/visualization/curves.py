@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 # Two curves overlap if their distance is below this value, in points, over more than `_MIN_OVERLAP` of their length.
-_MAX_SEPARATION = 1.2
-_MIN_OVERLAP = 0.25
+_MAX_SEPARATION = 1.2  # points
+_MIN_OVERLAP = 0.25  # fraction of the length of the curves
 # Dashes of overlapping curves, and the gaps between them, are multiples of this length, in line widths.
 _DASH_LENGTH = 5.0
 

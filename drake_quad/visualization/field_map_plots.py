@@ -74,7 +74,7 @@ def plot_field_maps(
 
 
 def _ends(centres: np.ndarray) -> tuple[float, float]:
-    """Return the ends of an axis, given the centres of its cells."""
+    """Return the ends of a map axis, given the centres of its cells."""
     half = 0.5 * (centres[1] - centres[0])
     return float(centres[0] - half), float(centres[-1] + half)
 

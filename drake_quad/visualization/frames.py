@@ -19,15 +19,15 @@ from drake_quad.visualization.replay.scene import reference_points
 
 # A frame has 480 by 360 pixels, which is enough for a video of a rollout.
 _SIZE = (4.8, 3.6)  # inches
-_DPI = 100.0
-_FONT_SIZE = 8
+_DPI = 100.0  # pixels per inch
+_FONT_SIZE = 8  # points
 # A vehicle that is smaller than this fraction of the scene is enlarged to this fraction, so that it remains visible.
 _MIN_VEHICLE_FRACTION = 0.05
 # Fraction of the frame's width or height that the scene and its labels fill at most.
 _MAX_FRAME_FRACTION = 0.97
 # Number of tick marks along the longest side of the scene.
 _NUM_TICK_MARKS = 6
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)  # rad, angles of the points of a drawn circle
 _BODY_STYLE: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
 _NOSE_STYLE: dict[str, Any] = {"color": "tab:red", "linewidth": 1.6}
 _DISC_STYLE: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.6}

@@ -100,12 +100,12 @@ class LiveFlight:
 
     @property
     def time(self) -> float:
-        """Time of the flight, s."""
+        """Current time of the live flight, s."""
         return float(self.simulator.get_context().get_time())
 
     @property
     def state(self) -> State:
-        """State of the vehicle."""
+        """Current state of the vehicle."""
         return State(*self._diagram.GetOutputPort("state").Eval(self.simulator.get_context()))
 
     @property

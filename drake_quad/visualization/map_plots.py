@@ -31,8 +31,8 @@ _STAR_STYLE: dict[str, Any] = {
 _CRASHED_COLOUR = "0.85"
 # Smallest distance of a contour label from borders, other lines and other labels, pixels.
 _MIN_LABEL_DISTANCE = 24.0
-_DAMPING_LEVELS = (0.2, 0.4, 0.6, 0.8)
-_DELAY_LEVELS = tuple(0.02 * 4**i for i in range(5))  # s
+_DAMPING_LEVELS = (0.2, 0.4, 0.6, 0.8)  # damping ratios of the contours
+_DELAY_LEVELS = tuple(0.02 * 4**i for i in range(5))  # s, delay margins of the contours
 
 
 class MapPanel(NamedTuple):
@@ -96,7 +96,7 @@ def plot_map(
 
 
 def _legend_handles(panels: list[MapPanel]) -> list[Line2D | Patch]:
-    """Return the handles of the legend."""
+    """Return the legend handles of the lines and marks in a map of gains."""
     crashed = any(panel.simulated.crashed.any() for panel in panels)
     return [
         Line2D([], [], **_STABILITY_EDGE_STYLE, label="stability limit"),

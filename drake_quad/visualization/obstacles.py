@@ -14,7 +14,7 @@ from drake_quad.space.space import Space
 _SOLID_STYLE: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
 # From the side, many obstacles hide each other and the path, so they share one light silhouette without outlines.
 _SILHOUETTE_STYLE: dict[str, Any] = {"facecolor": "0.88", "linewidth": 0.0}
-_MAX_OUTLINED_OBSTACLES = 6
+_MAX_OUTLINED_OBSTACLES = 6  # more obstacles share a silhouette
 _CLEARANCE_STYLE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
 _NAME_STYLE: dict[str, Any] = {
     "fontsize": 6,
@@ -24,7 +24,7 @@ _NAME_STYLE: dict[str, Any] = {
 }
 # Names are drawn for at most this many obstacles, since more names would hide the obstacles.
 _MAX_NAMES = 30
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)  # rad, angles of the points of a drawn circle
 
 
 def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool = False) -> None:

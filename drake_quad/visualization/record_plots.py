@@ -36,7 +36,7 @@ class _Panel(NamedTuple):
 _AXIS_NAMES = tuple(AXIS_COLORS)
 _ANGLE_NAMES = ("roll", "pitch", "yaw")
 _ROTOR_NAMES = ("rotor 1", "rotor 2", "rotor 3", "rotor 4")
-_DEGREES = 180.0 / np.pi
+_DEGREES = 180.0 / np.pi  # degrees per radian
 _PANELS = (
     _Panel("position", ("position", "reference_position"), _AXIS_NAMES),
     _Panel("velocity", ("velocity", "reference_velocity"), _AXIS_NAMES),

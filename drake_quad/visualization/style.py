@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-# These colours are distinguishable in all types of colour vision (M. Okabe and K. Ito, "Color universal design", 2008).
+# The following colours are distinguishable in all types of colour vision (M. Okabe and K. Ito, "Color universal
+# design", 2008).
 BLACK = "#000000"
 ORANGE = "#E69F00"
 SKY = "#56B4E9"

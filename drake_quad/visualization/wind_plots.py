@@ -37,7 +37,7 @@ _NUM_SHADES = 300
 _MARGIN = 0.7
 # Air below this speed, m/s, counts as still. Maps of still air are not drawn.
 _MAX_STILL_AIR_SPEED = 1e-3
-_ORIGIN = State(*(0.0,) * len(State._fields))
+_ORIGIN = State(*(0.0,) * len(State._fields))  # state at rest at the origin of W
 
 
 class _Room(NamedTuple):

@@ -1,6 +1,7 @@
-"""Fit two parameters that the paper omits to two cells of its Table II, and predict the other cells.
+"""Estimate two parameters that the paper does not give from two cells of its Table II, and predict the other cells.
 
-The fit is repeated for three hypotheses about the cause of the PD's error in the paper, with different parameters.
+The estimation is repeated for three hypotheses about the cause of the PD's error in the paper. Each hypothesis has its
+own two parameters.
 """
 
 from pathlib import Path

@@ -51,7 +51,7 @@ class Formula(FleetSystem):
 
 
 class Plain(LeafSystem):
-    """The PD controller of `Formula` in plain NumPy."""
+    """PD controller with the law of `Formula`, written in plain NumPy."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()

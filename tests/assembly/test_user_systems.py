@@ -23,8 +23,8 @@ class WithPorts(LeafSystem):
             self.DeclareVectorOutputPort(name, BasicVector(size), lambda context, output: None)
 
 
-INPUT_SIZES = {"measurement": 12, "reference": 11}
-OUTPUT_SIZES = {"acceleration_command": 3}
+INPUT_SIZES = {"measurement": 12, "reference": 11}  # numbers of components for one vehicle
+OUTPUT_SIZES = {"acceleration_command": 3}  # numbers of components for one vehicle
 
 
 @pytest.mark.parametrize(

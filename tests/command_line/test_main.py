@@ -140,7 +140,8 @@ printf "%s\\n" "${{COMPREPLY[@]}}"
     assert {*result} == completed
 
 
-# This program interrupts a command when it imports a given module.
+# Python program that runs a command of drake-quad and interrupts it (SIGINT) as soon as the command imports the module
+# that is the first argument of the program.
 INTERRUPTED_COMMAND_PROGRAM = """
 import os, signal, sys
 
@@ -161,7 +162,7 @@ main()
     "module",
     [
         *("numpy", "drake_quad.scenario.models", "pydrake.geometry", "drake_quad.flight.simulation"),
-        # These modules are loaded when they are first used, for the progress bar and for the plots.
+        # Modules for the progress bar and for plots, which are loaded only when they are first used.
         *("tqdm", "matplotlib"),
     ],
 )

@@ -18,7 +18,7 @@ from drake_quad.logs.record import FlightRecord
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
-# These commands take a scenario, but write no files.
+# Commands that take a scenario but write no files.
 COMMANDS_WITHOUT_FILES = {"scenarios"}
 COMMANDS_WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "estimate", "completion"}
 COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol", "estimate",

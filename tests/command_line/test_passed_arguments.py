@@ -741,7 +741,7 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
 
 
 class Bar:
-    """Progress bar that records its updates."""
+    """Stub of a progress bar, which records its options and its updates."""
 
     def __init__(self, *items, **options):
         self.options, self.n, self.total = options, 0, options.get("total")

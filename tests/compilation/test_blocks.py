@@ -119,9 +119,13 @@ def counters(builder, n, **structure):
     }
 
 
-# These keyword arguments of `Counter` change nothing, add an unrestricted update at time zero, change the period of the
-# discrete update and of its ticks, or change the period of the unrestricted update.
-COUNTER_STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
+# Keyword arguments of `Counter`.
+COUNTER_STRUCTURES = [
+    {},
+    {"at_start": True},  # adds an unrestricted update at time zero
+    {"period": 0.03, "tick": 0.03},  # period of the discrete update and of its ticks, s
+    {"step": 0.02},  # period of the unrestricted update, s
+]
 
 
 @pytest.mark.parametrize("structure", COUNTER_STRUCTURES)

@@ -227,7 +227,7 @@ def test_unused_operations_are_omitted():
 
 
 def test_a_long_chain_of_operations_does_not_recurse():
-    """Both parts of the event contain such a chain: the part that depends only on parameters, and the rest."""
+    """An update event has two parts, each with a chain: the part that depends only on parameters, and the rest."""
     listing = Listing()
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):

@@ -148,7 +148,7 @@ def test_fleets_of_different_sizes_share_machine_code(new_loops):
     assert len(new_loops) > counts[0]
 
 
-# Each of these arguments of `diagram_of` changes the computations of the diagram.
+# Arguments of `diagram_of`, each of which changes the computations of the diagram.
 DIAGRAM_DIFFERENCES = [
     {"formula": grown},
     {"constant": 2.5},

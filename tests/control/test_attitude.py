@@ -10,6 +10,7 @@ from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import State, Torque
 
 INERTIA = (0.007, 0.008, 0.012)  # kg m²
+# Gains k_P in 1/s² and k_D in 1/s, and moments of inertia in kg m².
 PARAMETERS = AttitudeParameters(PerAngle(10.0, 20.0, 30.0), PerAngle(1.0, 2.0, 3.0), *INERTIA)
 
 

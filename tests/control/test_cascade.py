@@ -20,7 +20,7 @@ from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, V
 from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.signals import Acceleration, Attitude, Jerk, Reference, Snap, State, Torque, Wrench
 
-GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
+GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))  # 1/s² and 1/s, for X, Y and Z
 VECTORING_PARAMETERS = VectoringParameters(
     mass=0.7, gravity=9.79, limits=ThrustLimits(tan_max_tilt=math.tan(0.4), min_thrust=3.0, max_thrust=12.0)
 )
@@ -161,7 +161,7 @@ class Estimator(LeafSystem):
 
 
 def test_a_network_corrects_any_controller_and_reads_its_disturbance_estimate():
-    """The network reads the disturbance on each axis and the measured height. Its output is subtracted."""
+    """The network reads the estimated disturbance on each axis and the height. The command is its negative output."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
     network = build_fuzzy_network(
@@ -181,7 +181,7 @@ def test_a_network_corrects_any_controller_and_reads_its_disturbance_estimate():
 
 @pytest.mark.parametrize("leads", [False, True])
 def test_a_controller_receives_the_disturbance_learned_for_the_present_position(leads):
-    """The correction is evaluated at the position after the lead time, and the disturbance at the current position."""
+    """The correction of the command belongs to the position after the lead time, the disturbance to the current one."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, parameters=FuzzyRulesParameters((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()

@@ -78,7 +78,7 @@ def estimates(law, disturbances, accelerations, *, start=0.0):
 
 
 RNG = np.random.default_rng(0)
-MODELLED_ACCELERATIONS = RNG.normal(size=60)
+MODELLED_ACCELERATIONS = RNG.normal(size=60)  # m/s², one for each tick
 
 
 def test_l1_agrees_with_the_published_continuous_time_law():

@@ -42,7 +42,7 @@ def test_the_geometric_law_equals_the_pd_near_the_commanded_attitude():
 
 
 def angles_of(R):
-    """Return roll, pitch and yaw of a rotation matrix, eq (1)."""
+    """Return roll, pitch and yaw of a rotation matrix R_WB, as defined by eq (1) of the paper."""
     yaw, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(R).as_euler("ZYX")
     return Attitude(roll, pitch, yaw)
 
@@ -134,7 +134,7 @@ def test_vehicles_recover_from_any_attitude_with_the_sample_rates_and_delay_of_t
     np.testing.assert_allclose([np.cos(end.roll) * np.cos(end.pitch), np.cos(end.yaw)], 1.0, atol=1e-4)
 
 
-COMMANDED_ATTITUDE = Attitude(0.2, -0.3, 0.7)
+COMMANDED_ATTITUDE = Attitude(0.2, -0.3, 0.7)  # rad
 MEASURED_STATE = State(
     x=0.0, y=0.0, z=0.0, roll=-0.4, pitch=0.5, yaw=1.1, v_x=0.0, v_y=0.0, v_z=0.0, p=0.3, q=-0.2, r=0.6
 )
@@ -146,7 +146,7 @@ PARAMETERS_WITH_INTEGRAL = IntegratingAttitudeParameters(
 
 
 def rotation_error():
-    """Return ½ (R_dᵀ R - Rᵀ R_d)^∨, with SciPy's rotations."""
+    """Return the rotation error ½ (R_dᵀ R - Rᵀ R_d)^∨, computed with SciPy's rotations."""
     R_d, R = (
         scipy.spatial.transform.Rotation.from_euler("ZYX", [each.yaw, each.pitch, each.roll]).as_matrix()
         for each in (COMMANDED_ATTITUDE, MEASURED_STATE)

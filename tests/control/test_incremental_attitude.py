@@ -18,6 +18,7 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 H = 0.02  # s, control tick
 LAG = 0.05  # s
 INERTIA = np.array([0.0065, 0.0085, 0.0126])  # kg m²
+# Gains k_P in 1/s² and k_D in 1/s, and moments of inertia in kg m².
 GAINS = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 PARAMETERS = IncrementalAttitudeParameters(attitude=GAINS, law=IncrementalLaw(5.0), lag=LAG, limit=20.0)
 LEVEL_COMMAND = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration(0.0, 0.0, 0.0)

@@ -33,7 +33,7 @@ def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="
 
 
 def test_a_tick_adds_error_times_gain_times_period_up_to_the_limit():
-    """The expected values are 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and the limit."""
+    """The expected corrections are 1 - 0.02 · 2 · 10 on X, -1 + 0.02 · 3 · 5 on Y, and the limit on Z."""
     gains = IntegralGains(PerAxis(2.0, 3.0, 4.0), 1.5)
     after = integrate_correction(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
     assert after == pytest.approx(Acceleration(0.6, -0.7, 1.5))
@@ -51,7 +51,7 @@ def test_the_correction_is_minus_the_integral_of_the_errors():
 
 
 def test_backward_euler_includes_the_error_of_the_current_tick():
-    """The limit and the stored integral are the same as with forward Euler."""
+    """The limit of the correction and the stored integral are the same as with forward Euler."""
     limit = 0.05
     errors = np.random.default_rng(2).normal(size=(30, 3))
     parameters = IntegralGains(PerAxis(*K_I), limit)

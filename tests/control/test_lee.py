@@ -23,6 +23,7 @@ MASS = 0.0325  # kg
 INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])  # kg m²
 # The commands never reach these limits, so the law equals the published one.
 VECTORING_PARAMETERS = VectoringParameters(MASS, G, ThrustLimits(tan_max_tilt=1e3, min_thrust=1e-6, max_thrust=1e3))
+# Gains k_P in 1/s² and k_D in 1/s, and moments of inertia in kg m².
 GAINS = AttitudeParameters(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
 K_P = np.array(GAINS.k_p)
 K_D = np.array(GAINS.k_d)
@@ -33,7 +34,7 @@ def rotation_of(roll, pitch, yaw):
 
 
 def rotation_error(R, R_d):
-    """Return ½ (R_dᵀ R - Rᵀ R_d)^∨."""
+    """Return the rotation error ½ (R_dᵀ R - Rᵀ R_d)^∨ of an attitude R from the commanded attitude R_d."""
     skew = 0.5 * (R_d.T @ R - R.T @ R_d)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 

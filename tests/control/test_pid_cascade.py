@@ -46,7 +46,7 @@ MAX_TILT = 0.6  # rad
 THRUST_LIMITS = (0.12, 0.9)  # normalised
 HORIZONTAL_MARGIN = 0.3  # normalised thrust
 DERIVATIVE_BANDWIDTH = 31.0  # rad/s, bandwidth of the derivative filter
-W_TO_NED = np.diag([1.0, -1.0, -1.0])
+W_TO_NED = np.diag([1.0, -1.0, -1.0])  # rotation matrix
 CRAZYFLIE_SCENARIO = ["vehicles/crazyflie", "controllers/crazyflie"]
 PX4_CONTROL = {
     "control": {

@@ -16,8 +16,8 @@ from drake_quad.signals import Acceleration, Reference, State
 
 K_P = np.array([1.0, 2.0, 3.0])  # 1/s²
 K_D = np.array([0.5, 0.6, 0.7])  # 1/s
-MEASUREMENT = State(*np.arange(12.0) / 10.0)
-REFERENCE = Reference(*np.arange(11.0)[::-1] / 3.0)
+MEASUREMENT = State(*np.arange(12.0) / 10.0)  # distinct values of all components
+REFERENCE = Reference(*np.arange(11.0)[::-1] / 3.0)  # distinct values of all components
 POSITION_ERROR = np.subtract([REFERENCE.x, REFERENCE.y, REFERENCE.z], [MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z])
 VELOCITY = np.array([MEASUREMENT.v_x, MEASUREMENT.v_y, MEASUREMENT.v_z])
 

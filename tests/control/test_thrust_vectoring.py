@@ -14,6 +14,7 @@ from drake_quad.signals import Acceleration
 
 G = 9.81  # m/s²
 MASS = 0.68  # kg
+# Limits on the tilt (0.6 rad) and on the thrust (N).
 LIMITS = ThrustLimits(tan_max_tilt=math.tan(0.6), min_thrust=0.3 * MASS * G, max_thrust=1.8 * MASS * G)
 PARAMETERS = VectoringParameters(MASS, G, LIMITS)
 accelerations = st.builds(Acceleration, *[st.floats(-30.0, 30.0)] * 3)

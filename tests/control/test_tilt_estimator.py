@@ -18,9 +18,9 @@ from drake_quad.signals import Acceleration, State
 
 H = 0.02  # s, control tick
 G = 9.79  # m/s²
-LAWS = (IncrementalLaw(1e6),) * 3
+LAWS = (IncrementalLaw(1e6),) * 3  # bandwidth of 1e6 rad/s, so that the estimate follows the measurement without a lag
 PARAMETERS = TiltEstimatorParameters(laws=LAWS, lag=0.06, gravity=G, limit=50.0)
-NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)
+NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)  # m/s²
 
 
 def state_at(attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):

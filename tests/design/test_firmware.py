@@ -20,7 +20,7 @@ from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 from drake_quad.vehicle.px4_units import torque_units
 
 TEST_FOLDER = Path(__file__).parent
-DEGREE = math.pi / 180.0
+DEGREE = math.pi / 180.0  # rad
 THRUST_PER_UNIT = MAX_THRUST / 65535.0  # N, rotor thrust per unit of the 16-bit command
 CRAZYFLIE_SCENARIO = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
 # Relative tolerance. The firmware computes in single precision, and differences of angles over 2 ms magnify its

@@ -266,7 +266,7 @@ def test_shipped_gains_have_the_required_margins(shipped, designed):
 
 
 def peaks(scenario, displacement, duration):
-    """Return the peak deviations in the four quarters of a simulation that begins with a small displacement."""
+    """Return the largest deviation in each quarter of a simulation that begins with a small displacement."""
     response = initial_response(closed_loop(scenario), displacement, duration=duration)
     (row,) = displacement
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
@@ -533,7 +533,7 @@ def test_axes_with_equal_plants_have_equal_gains():
 
 
 class ListedFamily(ProportionalFamily):
-    """Family with a given list of gains."""
+    """Family whose gains are given as a list; the effort is the position in the list, from 1 on."""
 
     def __init__(self, *gains):
         self.listed = gains
@@ -611,7 +611,10 @@ def test_the_search_for_a_regulator_finds_the_minimum_after_a_step_to_unstable_g
 
 
 class RecordingFamily(ProportionalFamily):
-    """Family of gains proportional to an effort. The family records all efforts for which a design computes gains."""
+    """Family of gains that are proportional to their one design parameter, the effort.
+
+    The list `tried` contains all efforts for which a design has computed gains.
+    """
 
     def __init__(self, k_p, k_d):
         super().__init__(k_p, k_d)

@@ -34,7 +34,7 @@ from drake_quad.linear.link_margins import link_loops, link_margins
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch
 
-NO_DISTURBANCE = DisturbanceStatistics(mean=0.0, deviation=0.0, time=0.5)
+NO_DISTURBANCE = DisturbanceStatistics(mean=0.0, deviation=0.0, time=0.5)  # m/s² and s
 # The chain of lags and integrators is an exact model of a vehicle without drag.
 NO_DRAG = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 NO_DRAG_BUT_DELAYS = (*NO_DRAG, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")

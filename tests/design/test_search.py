@@ -11,6 +11,7 @@ from drake_quad.design.tuning import Budget, TuningParameter, tolerated_delay, t
 from drake_quad.laboratory.metrics import Metrics
 
 # A tuning parameter has the paths of the fields that it sets, and the smallest and the largest value to try.
+# Tuned parameters: the gains of the position controller with the ends of their ranges, in 1/s² (k_P) and 1/s (k_D).
 K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
 K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 HEIGHT_PARAMETER = TuningParameter(("control.position.k_p.2",), 1.0, 20.0)
@@ -64,7 +65,7 @@ def log_gains(parameters):
 
 
 def quadratic_error(parameters, *_):
-    """Return an error with a minimum of 0.1 m, in which the two gains interact."""
+    """Return an invented error (m) as a function of k_P and k_D, with a minimum of 0.1 m and an interaction."""
     p, d = log_gains(parameters)
     return 0.1 * np.exp(p * p + d * d - p * d)
 
@@ -388,7 +389,7 @@ def test_with_two_parameters_margin_ratios_are_predicted_from_four_or_more_point
 
 
 def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
-    """Predictions are not exact, so the search keeps a distance of 0.2 % from the limit."""
+    """Predicted margins are not exact, so the search keeps a distance of 0.2 % from the stability limit."""
     stub_flights(quadratic_error)
     fractions, ends = [], []
 

@@ -17,8 +17,8 @@ from drake_quad.scenario.paths import map_leaves
 
 ROOT = Path(__file__).parent.parent.parent
 SHIPPED_GAINS = ROOT / "diagrams" / "gains" / "laboratory.yaml"
-K_P_VALUES = np.array([0.1, 0.3, 0.8])
-K_D_VALUES = np.array([0.2, 0.7, 1.5, 3.5])
+K_P_VALUES = np.array([0.1, 0.3, 0.8])  # 1/s²
+K_D_VALUES = np.array([0.2, 0.7, 1.5, 3.5])  # 1/s
 
 
 @pytest.fixture(scope="module")

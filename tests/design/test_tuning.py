@@ -21,7 +21,7 @@ from drake_quad.studies.comparison import fly_samples
 
 # A tuning parameter has the paths of the fields that it sets, and the smallest and the largest value to try.
 K_P_PARAMETER = TuningParameter(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+K_D_PARAMETER = TuningParameter(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)  # 1/s, gains on X and Y
 
 
 def k_p_limit(max_k_p):

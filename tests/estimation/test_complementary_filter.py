@@ -12,10 +12,11 @@ from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
 
 H = 0.002  # s, sampling period of the inertial sensors
-GRAVITY = 9.81
-TIME_CONSTANTS = TimeConstants(tilt=0.5, bias=4.0, rotation=0.3, velocity=0.2, position=0.4)
+GRAVITY = 9.81  # m/s²
+TIME_CONSTANTS = TimeConstants(tilt=0.5, bias=4.0, rotation=0.3, velocity=0.2, position=0.4)  # s
 ZERO = Vector(0.0, 0.0, 0.0)
 AT_REST = Estimate(ZERO, ZERO, NO_ROTATION, ZERO, ZERO)
+# Readings of the inertial sensors at rest and level, in rad/s and m/s².
 LEVEL_READINGS = {"gyroscope": [0.0, 0.0, 0.0], "accelerometer": [0.0, 0.0, GRAVITY]}
 
 

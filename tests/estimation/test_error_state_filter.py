@@ -32,12 +32,16 @@ from drake_quad.signals import BodyRates, EstimateDeviation
 from drake_quad.testing import check_system
 
 H = 0.01  # s, sampling period
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s²
+# Noise densities of gyroscope and accelerometer, and of the random walks of their biases.
 NOISE = InertialNoise(2e-3, 0.02, 2e-4, 3e-3)
+# Standard deviations of the initial errors.
 INITIAL = EstimateDeviation(*[0.1] * 3, *[0.2] * 3, *[0.04] * 3, *[0.02] * 3, *[0.1] * 3)
-POSITION = PositionAiding(0.02, 0.03, 0.04)
-NO_LIMIT = 1e9
-GROUND, ANCHOR, NORTH = -0.2, Vector(3.0, -2.0, 2.5), 0.4
+POSITION = PositionAiding(0.02, 0.03, 0.04)  # m, standard deviations along X, Y and Z
+NO_LIMIT = 1e9  # limit of the squared normalised innovation that no reading exceeds
+GROUND = -0.2  # m, height of the ground
+ANCHOR = Vector(3.0, -2.0, 2.5)  # m, position of the anchor of the range sensor
+NORTH = 0.4  # rad, direction of magnetic north
 EARTH_FIELD = np.array([np.cos(NORTH), np.sin(NORTH), -1.4])
 
 AIDING = {
@@ -366,7 +370,7 @@ def fly(motion, aiding, num_vehicles, seed, block_samples=1):
 
 
 class _Silence:
-    """Generator of zeros, for readings without noise."""
+    """Substitute for a random generator that returns zeros, for readings without noise."""
 
     @staticmethod
     def standard_normal(size):
@@ -374,7 +378,7 @@ class _Silence:
 
 
 def normalised_errors(system, context, p, v, R, b_g, b_a):
-    """Return δxᵀ P⁻¹ δx of each vehicle."""
+    """Return the normalised squared error δxᵀ P⁻¹ δx of each vehicle."""
     estimate, covariance, increment = (
         system.get_state(context, name) for name in ("estimate", "covariance", "increment")
     )

@@ -6,7 +6,7 @@ from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import SENSITIVITY_VARIANTS, Evaluation, Traits, laboratory_with_laps
 from drake_quad.laboratory.metrics import Metrics
 
-NUM_FLIGHTS = 40
+NUM_FLIGHTS = 40  # flights of each controller in each laboratory
 # The first row contains random deviations that all controllers share. The second row is scaled for each controller.
 NOISE = np.random.default_rng(3).normal(size=(2, NUM_FLIGHTS))
 

@@ -110,7 +110,7 @@ def test_the_parameters_of_an_earlier_design_are_read_from_its_file(diagrams, de
 
 
 def plain(tree):
-    """Return a tree of plain lists and dictionaries, without the style of the YAML file."""
+    """Convert a tree of a YAML file to plain lists and dictionaries, without the style of the file."""
     if isinstance(tree, dict):
         return {key: plain(part) for key, part in tree.items()}
     return [plain(part) for part in tree] if isinstance(tree, list) else tree

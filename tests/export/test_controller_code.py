@@ -19,7 +19,7 @@ from drake_quad.exported.system import exported_controller
 from drake_quad.scenario.layouts import rotors_of
 
 ROOT = Path(__file__).parents[2]
-NUM_CASES = int(os.environ.get("FUZZ_CASES", 100)) // 100
+NUM_CASES = int(os.environ.get("FUZZ_CASES", 100)) // 100  # random scenarios
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 needs_board = pytest.mark.skipif(
     shutil.which(CROSS_COMPILER) is None or shutil.which(EMULATOR) is None, reason="no cross-compiler or no QEMU"

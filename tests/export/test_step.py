@@ -88,7 +88,7 @@ def next_mine_memory(memory: Acceleration) -> Acceleration:
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """System whose formulas have the same names as two variables in the C code: `mine` and `next_mine_memory`."""
+    """System with formulas `mine` and `next_mine_memory`, names that two variables of the C code also have."""
 
     def declare(self) -> None:
         memory = self.state("memory", lambda _: Acceleration(1.0, 0.0, 0.0))

@@ -31,7 +31,7 @@ def simulation_of(scenario, samples, compiled, factors=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_reset_fleet_flies_like_a_new_fleet(scenario, compiled):
-    """After a reset, other code computes the initial wind of a compiled diagram, which may change the last bit."""
+    """A reset computes the initial wind by other code than the construction, so rounding errors may differ."""
     first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):

@@ -19,7 +19,8 @@ from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare, metric_mean, requirement_probability, values_with_crashes
 from drake_quad.studies.summary import metric_table, requirement_table
 
-START, PERIOD = 1.0, 0.02
+START = 1.0  # s, start of the metric window
+PERIOD = 0.02  # s, control period
 NUMPY_REDUCTIONS = {
     "mean": np.mean,
     "rms": lambda values: np.sqrt(np.mean(values**2)),

@@ -23,7 +23,7 @@ DISTRIBUTIONS = [
     "laboratory.wind=[{kind: dryden, level: light, intensity: 0.5}]",
     "seed=4",
 ]
-GYROSCOPE_BIAS = ", ".join([uniform(-0.01, 0.01), uniform(-0.02, 0.01), "0.005"])
+GYROSCOPE_BIAS = ", ".join([uniform(-0.01, 0.01), uniform(-0.02, 0.01), "0.005"])  # rad/s
 AUTOPILOT_OVERRIDES = {
     "attitude": [
         f"laboratory.autopilot.k_attitude=[{uniform(4, 6)}, 5.0, {uniform(3, 5)}]",
@@ -108,14 +108,14 @@ def height_law(measurement: State, reference: Reference) -> AttitudeTarget:
 
 @fleet_system(float)
 class HeightOnly(FleetSystem):
-    """User's control as a FleetSystem."""
+    """User's control of the height as a FleetSystem, with the law `height_law`."""
 
     def declare(self) -> None:
         self.output("attitude_target", height_law, self.input("measurement"), self.input("reference"))
 
 
 class PlainHeightOnly(LeafSystem):
-    """User's control as a plain LeafSystem of Drake."""
+    """User's control of the height as a plain LeafSystem of Drake, with the law `height_law`."""
 
     def __init__(self):
         super().__init__()

@@ -79,7 +79,7 @@ def test_the_error_of_a_kalman_filter_falls_as_its_disturbance_time_constant_gro
 
 @pytest.mark.slow
 def test_the_compensated_disturbance_is_limited(settled):
-    """The PD compensates the part of the disturbance that exceeds the limit."""
+    """The PD compensates the part of the disturbance that exceeds the limit of the estimate."""
     parameters = f"{PD_GAINS}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
     error, disturbance, command = settled(f"{{kind: indi, {parameters}}}")
     np.testing.assert_allclose(np.abs(disturbance), 0.05)

@@ -11,7 +11,7 @@ from covering import covering
 from drake_quad import load_scenario, simulate
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
-NO_CAMERA_NOISE = {"position_noise": 0.0, "attitude_noise": 0.0}
+NO_CAMERA_NOISE = {"position_noise": 0.0, "attitude_noise": 0.0}  # m and rad
 IDEAL_ONBOARD = {
     "vehicle": {"linear_drag": 0.0, "quadratic_drag": 0.0},
     "laboratory": {

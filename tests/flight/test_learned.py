@@ -108,7 +108,7 @@ def test_a_file_that_does_not_match_the_network_is_refused(asymmetric, tmp_path,
 
 
 def test_the_message_about_a_missing_network_file_names_it(asymmetric):
-    with pytest.raises(InputError, match=r"control.network.learned names nowhere\.yaml, which does not exist"):
+    with pytest.raises(InputError, match=r"control.network.learned refers to nowhere\.yaml, which does not exist"):
         asymmetric("pd_t2fnn", "control.network.learned=nowhere.yaml")
 
 
@@ -158,7 +158,7 @@ def test_parameters_are_saved_for_each_axis_in_any_order_of_the_axes(asymmetric,
     again = simulated_flight(asymmetric, *axes, f"control.network.learned={file}")
     x, z = np.split(first["weights"][-1], 2)
     assert not np.array_equal(x, z)
-    # The file contains the learned parameters only.
+    # The saved file contains only the learned parameters.
     saved = YAML(typ="safe").load(file)
     assert saved.keys() == {"kind", "inputs", "sets", "x", "z"}
     assert saved["x"] == {"weights": x.tolist()}

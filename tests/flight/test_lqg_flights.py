@@ -77,7 +77,7 @@ def test_designs_for_scenario_families_meet_the_loop_limit_of_the_protocol(spec)
 
 FIVE_SETS = "{scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}"
 FEWER_POSITION_SETS = f"control.network.inputs={{y: {FIVE_SETS}, z: null}}"
-PHASE_CENTRES = np.arange(16) / 16
+PHASE_CENTRES = np.arange(16) / 16  # fractions of a lap
 FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {PHASE_CENTRES.tolist()}, widths: {[0.1] * 16}}}"
 
 

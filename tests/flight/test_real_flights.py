@@ -27,7 +27,7 @@ def predicted_rmse(diagrams, name, *overrides):
 
 
 def row_of_page(root, name):
-    """Return the values in a row of the first table on the page of real flights."""
+    """Return the values in a row of the first table in the documentation page on real flights."""
     page = (root / "docs" / "background" / "real_flights.md").read_text(encoding="utf-8")
     row = re.search(rf"^\| {name} \| (.*) \|$", page, re.MULTILINE)[1]
     return [float(cell.removesuffix(" %")) for cell in row.split(" | ")]

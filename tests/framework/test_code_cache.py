@@ -14,7 +14,7 @@ from drake_quad.framework import code_cache, machine_code
 
 KERNEL_NAME = f"kernel_{'1' * 32}"
 OTHER_KERNEL_NAME = f"kernel_{'2' * 32}"
-OBJECT_CODE = bytes(range(200))
+OBJECT_CODE = bytes(range(200))  # arbitrary content of a cached kernel
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def file(folder):
-    """Return the file of a cached module."""
+    """Write `OBJECT_CODE` to the cache, and return the file of the cached kernel."""
     code_cache.write(KERNEL_NAME, OBJECT_CODE)
     assert code_cache.read(KERNEL_NAME) == OBJECT_CODE
     return folder / f"{KERNEL_NAME}.o"

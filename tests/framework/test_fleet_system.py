@@ -66,7 +66,7 @@ class Example(FleetSystem):
 
 @fleet_system(float, AutoDiffXd)
 class Packed(FleetSystem):
-    """System that computes the signals of `Example` in a single packed output."""
+    """System that has the output signals of `Example`, packed into a single output port."""
 
     def declare(self, *, parameters=Gains()):
         gains = self.parameter("gains", lambda gains: gains)
@@ -245,7 +245,7 @@ def test_an_output_that_reads_the_time_changes_with_it(n):
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Held(FleetSystem):
-    """System that outputs its state."""
+    """System whose only output is its state."""
 
     def declare(self, *, parameters=Numbers()):
         self.state_output(self.state("error", lambda parameters: PositionError(parameters.start, 1.0, -2.0)))

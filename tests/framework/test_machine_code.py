@@ -108,7 +108,7 @@ def test_functions_of_two_arguments_are_accurate():
     np.testing.assert_array_equal(run_on_arrays(elementary.nearest, [x]), np.rint(x))
 
 
-INTEGERS = st.integers(0, 2**52 - 1) | st.integers(0, 9)
+INTEGERS = st.integers(0, 2**52 - 1) | st.integers(0, 9)  # whole numbers that a float represents exactly
 
 
 @settings(max_examples=50, deadline=None)
@@ -153,6 +153,7 @@ def test_functions_of_nan_infinity_and_zero_have_defined_results():
             assert math.copysign(1.0, machine(elementary.arctan2, y, x)) == math.copysign(1.0, math.atan2(y, x))
 
 
+# Hypothesis strategy for variables and numbers as Python text.
 LEAF_EXPRESSIONS = st.sampled_from(["x", "y"]) | st.floats(-10.0, 10.0).map(lambda number: repr(round(number, 3)))
 UNARY_EXPRESSIONS = (
     "-({})",
@@ -307,6 +308,7 @@ def nested(x: Row, y: Row, bound: Row) -> Row:
     return first / (3.0 + abs(elementary.lazy_where(first < y, inside, (y, first), 0.25)))
 
 
+# Masks of no vehicles, of all vehicles, and of every seventh vehicle.
 VEHICLE_MASKS = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
 
 
@@ -380,7 +382,7 @@ def test_equal_branches_share_one_separate_function():
     results = [*seldom_polar(x, y, bound), *seldom_polar(y, x, bound)]
     assert {operation.name for operation in listing.operations} == {"row", "constant", "greater", "branch", "select"}
     text = kernels._module(listing, results, [3], [4], LANES)
-    # Both calls share one function.
+    # Both calls of the branch share one function of the machine code.
     assert text.count("fdiv") == text.count("define internal void @block_0(") == 1
     assert text.count("call void @block_0(") == 2
 

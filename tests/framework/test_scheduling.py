@@ -10,7 +10,7 @@ from drake_quad.framework.symbols import LEAVES, Listing
 
 
 def chains(count, length):
-    """Return a listing of independent chains of sums, one chain after the other."""
+    """Return a listing of `count` independent chains of `length` additions, one chain after the other."""
     listing = Listing()
     for chain in range(count):
         x = listing.row(0, chain)

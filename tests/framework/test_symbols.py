@@ -9,7 +9,7 @@ import pytest
 from drake_quad.framework import elementary
 from drake_quad.framework.symbols import Listing, Matrix, SymbolKind
 
-LAYER_MATRIX = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))
+LAYER_MATRIX = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))  # weights and biases
 
 
 def branched(*, factor=2.0, mask=1.0, argument=0):

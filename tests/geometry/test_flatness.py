@@ -21,7 +21,7 @@ from drake_quad.signals import Acceleration
 vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3).map(np.array)
 rates = st.floats(-1.0, 1.0)
 angles = st.floats(-math.pi, math.pi)
-G = np.array([0.0, 0.0, 9.81])
+G = np.array([0.0, 0.0, 9.81])  # m/s², upwards
 
 
 def turned(vector, yaw):
@@ -56,7 +56,7 @@ def test_body_rates_and_angular_accelerations_are_derivatives_of_the_attitude(
     acceleration, jerk, snap, yaw, yaw_rate, yaw_acceleration
 ):
     def motion(time):
-        """Return attitude, body rates and angular accelerations at a time from the path."""
+        """Return attitude, body rates and angular accelerations on the path at a time."""
         thrust = acceleration + G + jerk * time + 0.5 * snap * time**2
         heading = yaw + yaw_rate * time + 0.5 * yaw_acceleration * time**2
         turning = yaw_rate + yaw_acceleration * time

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 # increasing distances.
 YAW_RATES = np.array([0.0, 1e-9, 1e-3, 0.02, 0.05, 0.1, 0.3, 1.0])
 FLIP_RATE = 6.0  # rad/s
-NUM_TICKS = 40
+NUM_TICKS = 40  # ticks of a flight
 TASK_OVERRIDES = {
     "crash": {"tilt": None, "position_error": 1000.0, "height": -1000.0},
     "laboratory.motion_capture.derivative_bandwidth": 400.0,

@@ -39,7 +39,7 @@ def random_actions(envs, seed, steps, size=0.5):
 
 
 def rollout(envs, actions, seed):
-    """Return the results of the reset and of all steps."""
+    """Return the results of a reset and of one step with each of the actions."""
     observed, infos = envs.reset(seed=seed)
     steps = [(observed, infos)]
     for action in actions:

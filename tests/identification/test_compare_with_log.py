@@ -17,7 +17,7 @@ SCENARIO_FILE = Path("diagrams") / "crazyswarm2.yaml"
 
 @pytest.fixture
 def compare(run):
-    """Return a function that runs `compare-log`, and returns its exit status and output."""
+    """Return a function that runs the command `compare-log` and returns the exit status and the output."""
     return lambda *arguments: run("compare-log", *arguments)
 
 

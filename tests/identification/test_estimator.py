@@ -16,7 +16,8 @@ PERIOD = 0.004  # s, sampling period
 SCALE_ERROR = 0.08  # relative to the velocity
 DRIFT = 0.03  # m/s, standard deviation of the correlated velocity error
 CORRELATION_TIME = 0.5  # s
-GRAVITY, MASS = 9.81, 0.0375
+GRAVITY = 9.81  # m/s²
+MASS = 0.0375  # kg
 
 
 def synthetic_flight(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
@@ -70,12 +71,12 @@ def test_a_short_log_or_a_log_without_motion_is_refused(record, message):
 
 
 def swinging(amplitude, rate, *, true_amplitude=(0.5, 0.4, 0.0), fraction=(0.1, -0.05, 0.2), seconds=40.0, period=0.01):
-    """Return a flight on two axes whose velocity has a scale error and a sinusoidal error.
+    """Return the record of a flight in which the logged velocity has a scale error and a sinusoidal error.
 
     Args:
         amplitude: (3,) amplitude of the sinusoidal error, m/s.
         rate: angular frequency of the sinusoidal error, rad/s.
-        flown: (3,) amplitude of the true velocity, m/s.
+        true_amplitude: (3,) amplitude of the true velocity, m/s.
         fraction: (3,) scale error, relative to the true velocity.
         seconds: duration, s.
         period: sampling period, s.
@@ -230,7 +231,10 @@ def test_drag_is_estimated_separately_along_body_x_and_body_y(yaw, slowness):
 
 
 def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
-    """Along y, where the vehicle does not move, the drag is set to the value along x. Blocks last half a second."""
+    """Along y, where the vehicle does not move, the drag is set to the value along x.
+
+    The standard deviation follows from the scatter of half-second blocks of the log.
+    """
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     time = PERIOD * np.arange(2500)
     drag, speed = 0.03, np.sin(2.0 * time)

@@ -14,12 +14,13 @@ from drake_quad.identification.fit import PredictionFit, noise_likelihood
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise
 
+# Noise of one measurement, and standard deviations and correlation times of the six components of the disturbance.
 UNIT_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
 EMPTY_GAINS = Gains(*(np.empty(0) for _ in Gains._fields))._replace(noise=UNIT_NOISE)
 
 
 def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.ndarray, np.ndarray]:
-    """Return a least-squares fit of two parameters to windows of samples, with its regressors and values."""
+    """Return a least-squares fit of two parameters to windows of samples, the regressors and the fitted values."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))

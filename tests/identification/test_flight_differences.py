@@ -28,7 +28,8 @@ from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.identification.results.vehicle_values import vehicle_value
 from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, record_of
 
-WINDOWS, SAMPLES = 20, 30
+WINDOWS = 20  # number of windows
+SAMPLES = 30  # samples in each window
 
 
 def turned(heading: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -162,7 +163,7 @@ def test_a_flight_of_one_window_or_without_information_has_no_thrust_difference(
     assert [each.thrust is not None for each in result] == [False, True]
 
 
-WINDOW_LENGTH = 8
+WINDOW_LENGTH = 8  # samples
 
 
 def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:

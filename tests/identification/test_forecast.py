@@ -9,9 +9,9 @@ from drake_quad.identification.forecast import forecast, output_name
 from drake_quad.identification.prediction_errors import FORCE
 
 PERIOD = 0.1  # s, sampling period
-NUM_SETTLING_SAMPLES = 3
-NUM_FORECAST_SAMPLES = 6
-NUM_WINDOWS = 4
+NUM_SETTLING_SAMPLES = 3  # samples before each forecast
+NUM_FORECAST_SAMPLES = 6  # samples in each forecast
+NUM_WINDOWS = 4  # windows of the log
 NOISE = SimpleNamespace(measured=np.array([1e-3, 2e-3, 3e-3, 4e-3]))
 # Signal and index of the axis of each output.
 OUTPUTS = (("position", 1), ("attitude", 2), ("body_rates", 0), (FORCE, 2))

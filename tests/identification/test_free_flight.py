@@ -10,12 +10,11 @@ from drake_quad.identification.validation.comparison import compare_with_log
 from drake_quad.identification.validation.free_flight import FreeFlight, free_flight
 from drake_quad.logs.record import FlightRecord
 
-TIME = 0.01 * np.arange(1000)
-# Heights (m) of vehicle and reference, and a throttle. The vehicle is in the air from 2 to 8 s, and the ground is at
-# 0.3 m.
+TIME = 0.01 * np.arange(1000)  # s
+# Height of the vehicle, m. The vehicle is in the air from 2 to 8 s, and the ground is at 0.3 m.
 HEIGHT = 0.3 + np.interp(TIME, [2.0, 3.0, 7.0, 8.0], [0.0, 1.0, 1.0, 0.0])
-REFERENCE = 0.3 + np.interp(TIME, [1.0, 2.0, 6.8, 7.8], [0.0, 1.0, 1.0, 0.0])
-COMMAND = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)
+REFERENCE = 0.3 + np.interp(TIME, [1.0, 2.0, 6.8, 7.8], [0.0, 1.0, 1.0, 0.0])  # m, reference height
+COMMAND = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)  # throttle
 
 
 def record_of(height=HEIGHT, reference=REFERENCE, command=COMMAND):

@@ -8,9 +8,9 @@ from drake_quad.identification.hover import delay_by_correlation, hover_means, w
 from drake_quad.logs.record import FlightRecord
 
 RNG = np.random.default_rng(8)
-TIME = np.arange(3000) * 0.01
+TIME = np.arange(3000) * 0.01  # s
 WEIGHT = 0.3  # N
-IS_FLYING = (TIME > 8.0) & (TIME < 25.0)
+IS_FLYING = (TIME > 8.0) & (TIME < 25.0)  # mask of the samples in flight
 
 
 @pytest.fixture(scope="module")
@@ -124,11 +124,11 @@ def test_jumps_of_an_angle_from_pi_to_minus_pi_do_not_count_as_noise():
 
 @pytest.mark.parametrize(("signal", "limit"), [("velocity", 0.15), ("body_rates", 0.5)], ids=["speed", "turning"])
 def test_trim_is_the_mean_over_samples_below_the_limits_of_speed_and_rates(signal, limit):
-    """The vehicle leans while it moves. Motion faster than the limit is not hover."""
+    """The vehicle leans while it moves. Motion faster than the limit of the speed or of the body rates is not hover."""
     moving = np.arange(2000) >= 1200
     roll = np.where(moving, 0.3, 0.1)
     attitude = np.column_stack([roll, 0.0 * roll, 0.0 * roll])
-    # The magnitude of the vector is compared with the limit.
+    # Unit vector, so that `speed` is the magnitude of the velocity or of the body rates.
     direction = np.array([2.0, 1.0, 2.0]) / 3.0
     for speed, expected in ((1.01 * limit, 0.1), (0.99 * limit, 0.1 + 0.4 * 0.2)):
         logged = hovering(**{signal: np.where(moving, speed, 0.0)[:, None] * direction, "attitude": attitude})

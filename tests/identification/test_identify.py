@@ -163,7 +163,10 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
         identify([nothing], load_scenario("hover"))
 
 
-THRUST_RATIO, LAG, TRANSPORT_DELAY, HEIGHT_NOISE = 1.2, 0.06, 0.03, 1e-3
+THRUST_RATIO = 1.2  # thrust factor, relative to that of the base vehicle
+LAG = 0.06  # s, time constant of the rotors
+TRANSPORT_DELAY = 0.03  # s, delay of the rotor commands
+HEIGHT_NOISE = 1e-3  # m, standard deviation of the logged height
 
 
 def climbing(vehicle, seconds):
@@ -253,7 +256,7 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
     result = identifiability.imprecise_parameters(parameters, values, uncertainty)
     assert "at the limit of what is physically possible" in result["linear_drag"]
-    # The interval of a positive parameter would extend below zero.
+    # The confidence interval of this positive parameter would extend below zero.
     assert "its 95 % interval is 0.0020 ± 0.0031" in result["inertia[0]"]
     assert set(result) == {"linear_drag", "inertia[0]"}
 

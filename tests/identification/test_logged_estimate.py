@@ -9,6 +9,7 @@ from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.identification.logged_estimate import errors_on_board, estimate_logged_flight
 from drake_quad.logs.record import FlightRecord
 
+# Noise of the inertial sensors, in SI units.
 NOISE = InertialNoise(gyroscope=1e-3, accelerometer=0.01, gyroscope_walk=1e-5, accelerometer_walk=1e-4)
 POSITION_NOISE = 0.003  # m
 

@@ -36,7 +36,8 @@ SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)  # rad/s
 # along x, y.
 DISTURBANCE = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
 NO_DISTURBANCE = Disturbance(*(0.0,) * NUM_DISTURBANCE)
-LEVEL, STILL = Attitude(0.0, 0.0, 0.0), Wind(0.0, 0.0, 0.0)
+LEVEL = Attitude(0.0, 0.0, 0.0)  # rad
+STILL = Wind(0.0, 0.0, 0.0)  # m/s
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def model_parameters(scenario):
 
 
 def in_world():
-    """Return the rotation from body axes to world axes in `STATE`."""
+    """Return the rotation from B to W at the attitude of `STATE`."""
     return Rotation.from_euler("ZYX", [STATE.yaw, STATE.pitch, STATE.roll])
 
 

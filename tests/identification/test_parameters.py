@@ -8,7 +8,8 @@ from drake_quad.identification.parameters import Parameter, parameter_names, par
 from drake_quad.identification.prediction_errors import FORCE
 from drake_quad.scenario.layouts import arm_length_of
 
-DELAY, MAX_DELAY = 0.013, 0.15
+DELAY = 0.013  # s, delay from a command to the measurement of its effect, before the fit
+MAX_DELAY = 0.15  # s, limit of the fitted delay
 POSE, IMU = {"position", "attitude"}, {"body_rates", FORCE}
 INERTIA = [f"inertia[{axis}]" for axis in range(3)]
 CENTRE_OF_MASS = ["centre_of_mass[0]", "centre_of_mass[1]"]

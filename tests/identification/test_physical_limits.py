@@ -6,9 +6,9 @@ import pytest
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.physical_limits import SearchVariables
 
-SECOND_MOMENTS = np.array([0.3, 0.5, 0.9])
-INERTIA = SECOND_MOMENTS.sum() - SECOND_MOMENTS
-CURVE = np.array([0.1, 0.7, 2.0])
+SECOND_MOMENTS = np.array([0.3, 0.5, 0.9])  # kg m², second moments of the mass along x, y and z
+INERTIA = SECOND_MOMENTS.sum() - SECOND_MOMENTS  # kg m², moments of inertia about x, y and z
+CURVE = np.array([0.1, 0.7, 2.0])  # N, coefficients of the thrust curve
 
 
 def parameters_with(inertia: np.ndarray = INERTIA, curve: np.ndarray = CURVE) -> list[Parameter]:

@@ -31,8 +31,14 @@ from drake_quad.identification.synthetic_flights import random_waypoint_route
 from drake_quad.logs.attitudes import rotation_matrices
 from drake_quad.logs.record import FlightRecord
 
-PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
-K_P, K_V, K_I, DELAY, FILTER = 4.0, 3.0, 0.8, 0.06, 0.1
+PERIOD = 0.02  # s, sampling period
+SAMPLES = 750  # samples of a log
+GRAVITY = 9.81  # m/s²
+K_P = 4.0  # 1/s², gain of the position error
+K_V = 3.0  # 1/s, gain of the velocity error
+K_I = 0.8  # 1/s³, integral gain
+DELAY = 0.06  # s, delay of the command
+FILTER = 0.1  # s, time constant of the velocity filter
 RNG = np.random.default_rng(4)
 
 

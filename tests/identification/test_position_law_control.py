@@ -8,6 +8,7 @@ from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 from drake_quad.identification.result import EstimatedValue
 from drake_quad.identification.results.estimates import quantile
 
+# Gains of a PD controller with feed-forward, in units of s.
 PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
 
 
@@ -18,7 +19,7 @@ def law_of(*axes, form="acceleration", half_width=1e-3):
         pairs = {key: value if isinstance(value, tuple) else (value, half_width) for key, value in gains.items()}
         spreads = {key: EstimatedValue(value, width / quantile(9.0), "", 9.0) for key, (value, width) in pairs.items()}
         result.append(AxisLaw((name,), spreads, 0.999))
-    # The order of the axes does not matter.
+    # The order of the axes in a position law does not matter.
     return PositionLaw(tuple(result[::-1]), form, 0.0)
 
 

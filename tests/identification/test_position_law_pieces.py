@@ -20,7 +20,7 @@ from drake_quad.logs.attitudes import rotation_matrices
 from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
-TIME = PERIOD * np.arange(600)
+TIME = PERIOD * np.arange(600)  # s
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def record_of(time=TIME, **changed):
 
 
 def smoothed(values):
-    """Return the binomial average over five samples (n, 3), with repeated end samples."""
+    """Return signals (n, 3), smoothed by a binomial average over five samples; the end samples are repeated."""
     values = np.pad(values, ((2, 2), (0, 0)), mode="edge")
     for _ in range(4):
         values = 0.5 * (values[1:] + values[:-1])
@@ -70,7 +70,7 @@ def eroded(mask):
 
 
 def integrals(values):
-    """Return trapezoidal integrals (n, 3) that start at zero."""
+    """Return the integrals (n, 3) of signals by the trapezoidal rule, starting at zero."""
     steps = 0.5 * PERIOD * (values[1:] + values[:-1])
     return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
 
@@ -341,7 +341,7 @@ def limited(usable=None, *, thrust=TRIANGLE, roll=0.1 * TRIANGLE, pitch=0.1 * TR
 @pytest.mark.parametrize("name", ["thrust", "roll", "pitch"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_clipped_command_is_at_a_limit(name, sign):
-    """Samples next to the limit, or at the other extreme, are not in the mask."""
+    """Commands next to the saturation limit, or at the other extreme, are not in the mask of saturated samples."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
     result = limited(**{name: sign * size * cut})

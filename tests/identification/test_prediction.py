@@ -192,7 +192,7 @@ def test_a_vehicle_that_predicts_significantly_worse_than_a_baseline_is_reported
 
 
 def test_intervals_of_an_rms_error_follow_from_blocks():
-    """If each block has one start, the interval of the log mean square follows Student's t-distribution."""
+    """If each block contains one start, the interval of the logarithmic mean square is Student's t-interval."""
     errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))

@@ -18,7 +18,7 @@ from drake_quad.logs.attitudes import rotation_matrices
 from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
-SIZES = WindowSizes(length=20, settle=10, warm_up=5)
+SIZES = WindowSizes(length=20, settle=10, warm_up=5)  # samples
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
 IMU = [Output(signal, column) for signal in ("body_rates", FORCE) for column in range(3)]
 

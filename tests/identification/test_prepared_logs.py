@@ -14,7 +14,7 @@ from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.motors import SpeedMotors
 
 POSE, IMU = ("position", "attitude"), ("body_rates", FORCE)
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s²
 
 
 def log_of(seconds: float, *names: str, period: float = 0.01, **signals: np.ndarray) -> FlightRecord:

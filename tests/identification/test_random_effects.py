@@ -17,11 +17,11 @@ from drake_quad.identification.random_effects import (
 )
 from drake_quad.identification.results.held_out import hold_out_check
 
-PRIOR_SCALES = np.full(2, 1e6)
+PRIOR_SCALES = np.full(2, 1e6)  # so large that the prior has no influence
 
 
 def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> Evidence:
-    """Return the evidence of a linear fit with unit noise, whose second parameter varies between stretches."""
+    """Return the evidence of a linear fit with unit noise; its second parameter varies between flight stretches."""
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.7, 1.4, size=(windows, 1, 1))
     jacobian = np.stack([np.ones(NUM_SEGMENTS), -2.0 + deviation * rng.normal(size=NUM_SEGMENTS)], axis=1)
     parameters_of_window = jacobian[np.arange(windows) * NUM_SEGMENTS // windows]
@@ -167,7 +167,7 @@ def test_the_variance_of_estimation_errors_is_subtracted_from_the_variance_betwe
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
     result = stretches_of(estimates, np.full(10, 2.0)).variance_between()
     assert result[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
-    # The result does not depend on the unit.
+    # The estimated variance does not depend on the unit of the parameter.
     tiny = stretches_of(1e-8 * estimates, np.full(10, 2e-16)).variance_between()
     assert tiny[0] == pytest.approx(1e-16 * result[0], rel=1e-9)
 

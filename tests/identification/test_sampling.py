@@ -21,7 +21,7 @@ from drake_quad.logs.consistency import clock_shifts
 from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
-TIME = PERIOD * np.arange(4000)
+TIME = PERIOD * np.arange(4000)  # s
 # Time shift in each part of two seconds, s.
 CLOCK_SHIFTS = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
 

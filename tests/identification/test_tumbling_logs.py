@@ -33,14 +33,14 @@ def tumbles():
 
 @pytest.fixture(scope="module")
 def record():
-    """Return a log of constant rotor speeds."""
+    """Return a log with constant rotor speeds."""
     time = PERIOD * np.arange(400)
     return FlightRecord("tumbling", time, rotor_speed_command=np.tile(COMMAND, (400, 1)))
 
 
 @pytest.fixture(scope="module")
 def end(scenario, tumbles):
-    """Return the positions and rotations after a second."""
+    """Return the positions and rotations at the end of tumbling motions of `DURATION`."""
     position, rotation, *_ = integrate_tumbles(vehicle_parameters(scenario.vehicle), tumbles, DURATION)
     return position, rotation
 

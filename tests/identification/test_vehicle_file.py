@@ -327,7 +327,7 @@ GAINS = (
 
 @pytest.fixture(scope="module")
 def loop(written, diagrams):
-    """Return a scenario of the vehicle in a laboratory, on a figure eight, with its own gains."""
+    """Return the path of a scenario file with the written vehicle in a laboratory, and with its own gains."""
     path = written.parent / "loop.yaml"
     laboratory = os.path.relpath(diagrams / "laboratory.yaml", path.parent)
     path.write_text(
@@ -521,7 +521,7 @@ def test_overrides_are_written_to_the_file_and_used_for_the_full_thrust_of_nomin
     [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)],
 )
 def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, written, has_comment):
-    """A comment is written if the value exceeds the limit by more than its standard deviation."""
+    """A comment is written if an estimate exceeds the limit of its field by more than its standard deviation."""
     estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
     number = vehicle_file._values(estimates, "v")["linear_drag"]
     assert number["normal"]["mean"] == written

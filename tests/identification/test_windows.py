@@ -23,7 +23,7 @@ PERIOD = 0.01  # s, sampling period
 
 
 def record(seconds: float = 20.0, **signals: np.ndarray) -> FlightRecord:
-    """Return a record of hover."""
+    """Return the log of a vehicle in hover."""
     count = round(seconds / PERIOD)
     command = np.full((count, 4), 0.5)
     return FlightRecord("hover", PERIOD * np.arange(count), **({"motor_command": command} | signals))

@@ -186,7 +186,7 @@ def test_readings_have_the_given_bias_and_white_noise():
 
 
 class Altitude(NamedTuple):
-    """Reading of an altimeter."""
+    """Reading of an altimeter: the height above the origin of W."""
 
     height: Annotated[float, Quantity("m", "W")]
 

@@ -26,7 +26,7 @@ PERIOD = 0.02  # s, control tick
 
 
 def row(port, field):
-    """Return the index of a field in the signal of a port."""
+    """Return the index of a component in the signal of a port."""
     return SIGNALS[port]._fields.index(field)
 
 
@@ -209,6 +209,7 @@ def test_metrics_of_unconnected_ports_are_nan():
     assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturated_fraction[0]]).all()
 
 
+# Obstacles; positions and sizes in m.
 SOLIDS = Ball((2.0, 0.0, 1.0), radius=0.5), Cuboid((0.0, 3.0, 1.0), size=(1.0, 1.0, 1.0))
 
 

@@ -23,7 +23,7 @@ from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.scenario import models
 from drake_quad.signals import Wind, Wrench
 
-INITIAL_WRENCH = Wrench(7.0, 7.0, 7.0, 7.0)
+INITIAL_WRENCH = Wrench(7.0, 7.0, 7.0, 7.0)  # wrench before the first command arrives, in N and N m
 
 
 def ramp_source(size):
@@ -123,9 +123,9 @@ def test_the_recorder_stores_signals_as_a_discrete_update_reads_them_at_each_tic
         np.testing.assert_allclose(signals[name], np.column_stack([time, time]) + 1.0)
 
 
-FILTERED_CAMERAS = CameraParameters(derivative_bandwidth=50.0)
+FILTERED_CAMERAS = CameraParameters(derivative_bandwidth=50.0)  # rad/s
 JET = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
-TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
+TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)  # m and m/s
 
 
 def test_the_laboratory_is_ideal_by_default():

@@ -14,11 +14,11 @@ from drake_quad.signals import Wind
 
 PERIOD = 0.25  # s
 TIME = PERIOD * np.arange(40)  # s
-WINDOW = (TIME >= 2.0) & (TIME <= 6.0)
+WINDOW = (TIME >= 2.0) & (TIME <= 6.0)  # mask of the ticks in the time window of the requirement
 
 
 def random_walks(seed):
-    """Return a random walk for each component of a record."""
+    """Return random walks, one for each of the three components of a wind."""
     return Wind(*np.cumsum(np.random.default_rng(seed).normal(size=(3, len(TIME))), axis=1))
 
 
@@ -31,7 +31,7 @@ def above(row, bound):
 
 
 def robustness_of(accumulator, wind):
-    """Return the robustness after all ticks."""
+    """Return the robustness of a requirement on the wind after all ticks in `TIME`."""
     sums = accumulator.initial
     for i, time in enumerate(TIME):
         values = {"time": time, "wind": Wind(*(row[i] for row in wind))}

@@ -40,8 +40,8 @@ ASYMMETRIC_OVERRIDES = [
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [1.2, 1.5, 5.5], k_d: [1.5, 1.7, 3.4]}",
 ]
-ON_BOARD_GAINS = {"k_attitude": (5.0, 6.0, 4.0), "k_rate": (14.0, 12.0, 10.0)}
-# These overrides add delays, a filter, wind, an asymmetric vehicle, and two vehicle steps per autopilot period.
+ON_BOARD_GAINS = {"k_attitude": (5.0, 6.0, 4.0), "k_rate": (14.0, 12.0, 10.0)}  # 1/s, gains about x, y and z
+# Overrides that add delays, a filter, wind, an asymmetric vehicle, and two vehicle steps per autopilot period.
 IMPERFECT_OVERRIDES = [
     "vehicle={time_step: 0.00125, centre_of_mass: [0.0005, -0.0003]}",
     "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",

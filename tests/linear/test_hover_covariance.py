@@ -9,7 +9,7 @@ from drake_quad.linear.hover_covariance import linear_hover_error
 
 TURBULENCE = "{kind: dryden, level: light, intensity: 0.02, height: 3.048, airspeed: 3.0}"
 STEADY_WIND = "{kind: steady, velocity: [0.1, 0.05, 0.0]}"
-# The loop is nearly linear with little wind and noise, and without losses and quadratic drag.
+# Overrides for a nearly linear loop: little wind and noise, no lost packets and no quadratic drag.
 NEARLY_LINEAR_OVERRIDES = [
     "laboratory.command_link.loss_rate=0",
     "laboratory.motion_capture.position_noise=0.0001",

@@ -98,6 +98,7 @@ def test_the_loop_becomes_unstable_at_the_delay_margin(load_with_gains):
     assert largest_pole(ticks) < 1.0 < largest_pole(ticks + 1)
 
 
+# Largest allowed peak sensitivity of each designed controller at the command link.
 SENSITIVITY_LIMITS = {f"laboratory.yaml:{name}": 2.215 for name in ("pd", "pid", "disturbance_observer", "l1", "indi")}
 SENSITIVITY_LIMITS |= {"priced.yaml:indi@3": 3.015}
 

@@ -34,7 +34,7 @@ MANY_EFFECTS = Effects(
     ReactionTorque(9.0e-5),
     payload=Payload(0.05, PayloadPosition(0.02, -0.01, -0.05), Inertia(2e-4, 3e-4, 5e-4)),
 )
-SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)
+SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)  # kg and m
 
 
 def test_a_trim_balances_all_effects(asymmetric_vehicle):

@@ -40,7 +40,7 @@ def slow_camera():
 
 
 def poles_with_gain(closed, factor):
-    """Return the closed-loop poles if the signal of the loop is multiplied by a factor."""
+    """Return the closed-loop poles after the signal at which the loop is broken is multiplied by a factor."""
     gain = (factor - 1.0) / factor
     feedback = gain * np.linalg.inv(np.eye(len(closed.inputs)) - gain * closed.D)
     return np.linalg.eigvals(closed.A + closed.B @ feedback @ closed.C)

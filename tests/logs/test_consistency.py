@@ -26,12 +26,12 @@ from drake_quad.logs.consistency import (
 from drake_quad.logs.faults import faults
 from drake_quad.logs.reading import read_log
 
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s²
 PERIOD = 0.01  # s, sampling period
-TIME = PERIOD * np.arange(1500)
+TIME = PERIOD * np.arange(1500)  # s
 # The search compares the log with about a hundred faults.
 pytestmark = pytest.mark.slow
-HALF_TURN = np.array([1.0, -1.0, -1.0])
+HALF_TURN = np.array([1.0, -1.0, -1.0])  # signs of x, y and z after a rotation by 180° about x
 
 
 @functools.cache
@@ -66,7 +66,7 @@ def flight(noise=1.0):
 
 
 def rates_of(attitude):
-    """Return body rates from differences of Z-Y-X angles and their kinematics."""
+    """Return body rates (n, 3) from finite differences of roll, pitch and yaw (n, 3) and their kinematics."""
     roll, pitch, _ = attitude.T
     d_roll, d_pitch, d_yaw = np.gradient(attitude, PERIOD, axis=0).T
     return np.column_stack(

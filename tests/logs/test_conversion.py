@@ -8,6 +8,7 @@ from drake_quad.logs import conversion
 from drake_quad.logs.conversion import Table
 from drake_quad.logs.mapping import Mapping, SignalSource
 
+# Numbers of columns of the signals that do not have three columns.
 NUM_COLUMNS = {"motor_command": 4, "thrust_fraction": 1, "reference_yaw": 1, "battery_voltage": 1}
 
 

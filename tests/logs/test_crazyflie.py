@@ -128,8 +128,8 @@ def test_a_user_defined_mapping_is_applied(written, tmp_path):
     np.testing.assert_allclose(record.velocity, [[0.0, -0.5e-3, -4.0], [-1e-3, -0.5e-3, -4.0], [-2e-3, -0.5e-3, -4.0]])
 
 
-VALID_LOG = crazyflie_log([(0, "imu", GYRO)], [(0, 1000 * i, (i, 2.0, 3.0)) for i in range(50)])
-HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22
+VALID_LOG = crazyflie_log([(0, "imu", GYRO)], [(0, 1000 * i, (i, 2.0, 3.0)) for i in range(50)])  # log of 50 records
+HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22  # bytes, without the checksum (4) and the records (22 each)
 
 
 @pytest.mark.parametrize(

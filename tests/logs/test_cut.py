@@ -15,7 +15,7 @@ from drake_quad.logs.reading import read_log
 from drake_quad.logs.source import LogFile
 
 PADDING_BYTES = [b"\0", b"\xff"]
-NUM_SAMPLES = 40
+NUM_SAMPLES = 40  # samples of each log
 GYRO = [(f"gyro.{axis}", "f") for axis in "xyz"]
 # One of the two event types has the id 0xffff, so padding with bytes 0xff looks like a record of this type.
 CRAZYFLIE = crazyflie_log(

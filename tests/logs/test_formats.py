@@ -28,7 +28,7 @@ from drake_quad.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.logs.reading import read_log
 from drake_quad.logs.source import LogFile
 
-NUM_SAMPLES = 60
+NUM_SAMPLES = 60  # samples of each log
 TIMES = 20_000 * np.arange(NUM_SAMPLES)  # µs
 SECONDS = 1e-6 * TIMES
 
@@ -48,7 +48,7 @@ def has_remark(record, words):
 
 
 def rows(*columns):
-    """Return the rows of a table from the time and further columns, which may be constants."""
+    """Return the rows of a table from `TIMES` and further columns, each a sequence or a constant."""
     return [
         (int(time), *(column[i] if np.ndim(column) else column for column in columns)) for i, time in enumerate(TIMES)
     ]

@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 from drake_quad.logs.faults import AXES, Fault, faults
 
 RANDOM = np.random.default_rng(5)
-SIGNALS = {name: 0.4 * RANDOM.normal(size=(20, 3)) for name in AXES}
+SIGNALS = {name: 0.4 * RANDOM.normal(size=(20, 3)) for name in AXES}  # random signals in SI units
 ANGLES = ("attitude", "attitude_command")
 
 
 @pytest.fixture(scope="module")
 def known() -> dict[str, Fault]:
-    """Return the faults of all signals by their descriptions, which are unique."""
+    """Return the faults of all signals, keyed by their descriptions, which are unique."""
     result = [*faults(SIGNALS)]
     assert len(result) == len({fault.text for fault in result})
     return {fault.text: fault for fault in result}

@@ -10,7 +10,8 @@ from written_logs import blackbox_log, crazyflie_log, dataflash_log, old_crazyfl
 from drake_quad import InputError
 from drake_quad.logs.reading import read_log
 
-COUNT, PERIOD = 240, 0.02
+COUNT = 240  # samples of a log
+PERIOD = 0.02  # s, sampling period
 INTEGER_LIMIT = 2.0**62
 RNG = np.random.default_rng(8)
 

@@ -46,7 +46,7 @@ def test_unit_scales_agree_with_published_constants():
 
 
 def path(count=400, period=0.01):
-    """Return positions along a straight line at 1 m/s."""
+    """Return times (s) and positions (m) along a straight line at 1 m/s."""
     time = period * np.arange(count)
     return time, np.column_stack([time, 0.0 * time, 1.0 + 0.0 * time])
 

@@ -74,7 +74,7 @@ def test_types_of_vehicles_have_the_published_codes():
         assert other_vehicle({"CA_ROTOR_COUNT": rotors}, None) == expected
 
 
-STAMPS = {"timestamp": 5_000_000 + 100_000 * np.arange(20)}
+STAMPS = {"timestamp": 5_000_000 + 100_000 * np.arange(20)}  # µs
 
 
 def remarks(**topics):

@@ -6,7 +6,7 @@ import pytest
 from drake_quad import InputError
 from drake_quad.logs.record import COLUMNS, FlightRecord
 
-TIME = np.array([1.0, 1.1, 1.2, 1.6])
+TIME = np.array([1.0, 1.1, 1.2, 1.6])  # s, with a gap
 
 
 @pytest.mark.parametrize(

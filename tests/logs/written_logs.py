@@ -66,7 +66,7 @@ def ulog(topics, *, dropouts=(), start=1_000_000, parameters=None):
 
 
 def message(kind, content):
-    """Return a message of a ULog."""
+    """Return a message of a ULog as bytes, given its type and its content."""
     return struct.pack("<H", len(content)) + kind + content
 
 

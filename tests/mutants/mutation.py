@@ -169,7 +169,7 @@ def _is_appearance(node: ast.AST, field: str, index: int) -> bool:
 
 
 def _name(call: ast.Call) -> str:
-    """Return the name of the called function."""
+    """Return the name of the function that a call calls; empty if the function has no name."""
     return call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
 
 

@@ -198,7 +198,7 @@ def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
     new = [file for file in files if records.get(file, {}).get("digest") != digests[file]]
     for index, result in run_forked([(record_tests, file) for file in new], processes, "test files"):
         if isinstance(result, Outcome):
-            raise RuntimeError(f"cannot record tests: {result.killer}")
+            raise RuntimeError(f"cannot record which code the tests run, because of {result.killer}")
         recorded, failed = result
         for name in dict.fromkeys(failed):
             print(f"{name}: not used, because it fails without a mutant", file=sys.stderr)

@@ -85,7 +85,7 @@ class RespondingVehicle(SmallAngleVehicle):
         return np.concatenate([rates, acceleration, omega**2 * error - 2.0 * zeta * omega * rates])
 
     def output_state(self, state):
-        """Return the state with body rates, eq (2)."""
+        """Return the state in which eq (2) of the paper has converted the angle rates to body rates."""
         if self.parameters.attitude_kinematics == "small_angle":
             return state
         return np.concatenate([state[0:9], euler_to_body(state[3], state[4]) @ state[9:12]])

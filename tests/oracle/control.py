@@ -228,7 +228,7 @@ class Network:
         return learning.initial_slope if learning.kind == "sign" else None
 
     def firing(self, axis, inputs):
-        """Return the normalised firing strengths W, eq (10)."""
+        """Return the normalised firing strengths W of all rules on an axis, eq (10) of the paper."""
         network = self.parameters
         used_inputs = [(name, sets) for name, sets in network.inputs if sets is not None]
 
@@ -257,7 +257,7 @@ class Network:
         return [(1.0 - distance**a) ** (1.0 / a) if distance < 1.0 else 0.0 for distance in u]
 
     def output(self, inputs):
-        """Return Fᵀ W on each axis."""
+        """Return the network's output Fᵀ W on each axis; zero on axes without a network."""
         tau = np.zeros(3)
         for axis in self.axes:
             tau[axis] = self.F[axis] @ self.firing(axis, inputs)

@@ -98,7 +98,7 @@ def reference_signal(target):
 
 
 class Monitor:
-    """Monitor that detects a crash and records the data for the metrics."""
+    """Monitor that detects a crash and records the data from which the metrics are computed."""
 
     def __init__(self, scenario):
         self.limits, self.window = scenario.crash, scenario.metrics

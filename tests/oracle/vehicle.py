@@ -54,12 +54,12 @@ def axis_rotation(axis, angle):
 
 
 def rotation(roll, pitch, yaw):
-    """Return the matrix R_WB of eq (1)."""
+    """Return the rotation matrix R_WB from B to W, eq (1) of the paper."""
     return axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, roll)
 
 
 def euler_to_body(roll, pitch):
-    """Return the matrix of eq (2) from the rates of roll, pitch and yaw to p, q, r."""
+    """Return the matrix of eq (2) of the paper, from the rates of roll, pitch and yaw to the body rates p, q, r."""
     s, c = math.sin(roll), math.cos(roll)
     return np.array(
         [
@@ -152,11 +152,11 @@ class Vehicle:
     target = None
 
     def output_state(self, state):
-        """Return the state with body rates."""
+        """Return the state, which already contains body rates."""
         return state
 
     def targets(self, command, time):
-        """Return the target speeds of the rotors for a command at a time."""
+        """Return the speeds that the rotors approach for a command, given the limits and the faults at a time (s)."""
         parameters = self.parameters
         fraction = np.full(4, 1.0 - self.sag * time)
         failure = parameters.rotor_failure
@@ -189,7 +189,7 @@ class Vehicle:
 
 
 class SmallAngleVehicle(Vehicle):
-    """Vehicle whose body rates equal its angle rates, as in eq (3)."""
+    """Vehicle whose body rates equal its angle rates, as in eq (3) of the paper."""
 
     def slope(self, angles, velocity, rates, speeds, wind):
         """Return the time derivatives of angles, velocity and body rates."""
@@ -200,7 +200,7 @@ class SmallAngleVehicle(Vehicle):
         return angles
 
     def angles(self, angles, yaw):
-        """Return the integrated angles."""
+        """Return the angles themselves, since roll, pitch and yaw are integrated."""
         return angles
 
 

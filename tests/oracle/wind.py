@@ -137,7 +137,7 @@ class Fans:
 
 
 class Wind:
-    """Sum of the wind sources of a scenario."""
+    """Total wind of all wind sources of a scenario."""
 
     def __init__(self, sources, h, seed, sample):
         self.steady = sum((velocity_of(source) for source in sources if source.kind == "steady"), start=np.zeros(3))

@@ -13,7 +13,7 @@ PERIOD = 0.01  # s, tick of the loop
 
 
 def run(terms, setpoints, measurements, k_p=0.0, **options):
-    """Return the outputs of a loop at consecutive ticks."""
+    """Return the outputs of a PID loop at consecutive ticks."""
     memory, outputs = Memory.of(terms), []
     for setpoint, measured in zip(setpoints, measurements, strict=True):
         output, memory = pid(setpoint, measured, k_p, terms, memory, PERIOD, **options)

@@ -9,7 +9,7 @@ from drake_quad.reference.path_problem import Box, PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.time_allocation import stretch_factor
 
-RISING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
+RISING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])  # 2 m upwards from 1 s to 3 s
 
 
 def test_the_speed_limit_is_active_in_the_middle_of_a_rest_to_rest_segment():

@@ -13,7 +13,7 @@ from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 PAPER_VEHICLE = QuadrotorParameters()  # vehicle of Kayacan and Maslim (2016)
-CLIMBING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
+CLIMBING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])  # 1 m upwards in 2 s
 
 
 def check(path, **limits):

@@ -11,8 +11,8 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.time_allocation import trapezoid_times
 
 LAP_WAYPOINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
-SEGMENT_DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
-FREE_DERIVATIVES = np.full((5, 3, 3), np.nan)
+SEGMENT_DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])  # s
+FREE_DERIVATIVES = np.full((5, 3, 3), np.nan)  # NaN for each derivative that the planner may choose
 
 
 def closed_path(boundary_derivatives, derivatives=FREE_DERIVATIVES):

@@ -322,7 +322,7 @@ def test_a_derivative_must_be_given_on_all_axes_or_on_none():
 
 
 def other_plan(waypoints, times):
-    """Plan with minsnap_trajectories, with zero jerk at both ends as in this library."""
+    """Plan a path with the package minsnap_trajectories, with zero jerk at both ends as in this library."""
     rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
     last = len(times) - 1
     references = [

@@ -8,7 +8,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 
-WAYPOINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]
+WAYPOINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]  # m
 
 VELOCITY_ALONG_X = np.zeros((3, 3, 3))
 VELOCITY_ALONG_X[1, 1] = [2.0, 0.0, 0.0]

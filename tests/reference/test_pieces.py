@@ -233,7 +233,7 @@ def test_errors_in_a_file_are_reported(write, text, words):
     ("route", "words"),
     [
         ("{kind: trajectory}", "must have either knots or pieces, not neither"),
-        ("{kind: trajectory, pieces: nowhere.csv}", "route.pieces names .*nowhere.csv, which does not exist"),
+        ("{kind: trajectory, pieces: nowhere.csv}", "route.pieces refers to .*nowhere.csv, which does not exist"),
         ("{kind: trajectory, pieces: loop.yaml}", "loop.yaml:1: "),
         (
             "{kind: trajectory, pieces: short.csv}",

@@ -23,8 +23,8 @@ from drake_quad.reference.planner import (
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 
-LIMITS = PathLimits(speed=2.0, acceleration=0.7)
-SQUARE_WAYPOINTS = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
+LIMITS = PathLimits(speed=2.0, acceleration=0.7)  # m/s and m/s²
+SQUARE_WAYPOINTS = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)  # m
 CORRIDORS_AROUND_SQUARE = [
     Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE_WAYPOINTS)
 ]

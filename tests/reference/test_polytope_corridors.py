@@ -11,11 +11,11 @@ from drake_quad.reference.planner import FixedTimes, HeuristicTiming, MinimumSna
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.regions import Box, Polytope
 
-LIMITS = PathLimits(speed=2.0, acceleration=0.7)
+LIMITS = PathLimits(speed=2.0, acceleration=0.7)  # m/s and m/s²
 TIMINGS = [FixedTimes((0.0, 5.0, 10.0, 15.0)), MinimumSnapTiming(15.0), HeuristicTiming(), MinimumTimeTiming()]
-WAYPOINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
+WAYPOINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])  # m
 BOXES_AROUND_LEGS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(WAYPOINTS)]
-NUM_SAMPLES = 10_000
+NUM_SAMPLES = 10_000  # points at which a path is checked
 
 
 def rotation(seed):

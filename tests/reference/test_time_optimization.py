@@ -12,7 +12,7 @@ from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor
 from drake_quad.reference.time_optimization import minimum_snap_durations, minimum_time_durations
 
-LIMITS = PathLimits(speed=2.0, acceleration=0.7)
+LIMITS = PathLimits(speed=2.0, acceleration=0.7)  # m/s and m/s²
 
 
 def random_points(seed, segments):

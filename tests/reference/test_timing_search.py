@@ -20,9 +20,9 @@ from drake_quad.reference.timing_search import (
     path_with_fixed_derivatives,
 )
 
-LIMITS = PathLimits(speed=2.0, acceleration=1.0)
-STRAIGHT_ROUTE = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
-REVERSING_ROUTE = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
+LIMITS = PathLimits(speed=2.0, acceleration=1.0)  # m/s and m/s²
+STRAIGHT_ROUTE = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])  # m
+REVERSING_ROUTE = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])  # m
 # The route has one long step, and two short steps in other directions.
 UNEVEN_ROUTE = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
 

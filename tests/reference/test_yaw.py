@@ -14,7 +14,7 @@ from drake_quad.reference.yaw import constant_yaw, yaw_along_path, yaw_through
 
 
 def acceleration_cost(profile):
-    """Return ∫ ψ̈² dt by a quadrature that is exact for cubic profiles."""
+    """Return the integral of the squared yaw acceleration, by a quadrature that is exact for cubic profiles."""
     times = np.concatenate([np.linspace(a, b, 3) for a, b in zip(profile.times[:-1], profile.times[1:], strict=True)])
     values = evaluate(profile, np.clip(times, None, profile.times[-1]), 2)[0].reshape(-1, 3)
     # The acceleration is continuous at inner knots, so the values on both sides are equal.

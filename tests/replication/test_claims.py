@@ -30,7 +30,7 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.studies.study import Study
 
 DOCS = Path(__file__).parent.parent.parent / "docs" / "replication"
-NUM_SAMPLES = 6
+NUM_SAMPLES = 6  # samples of each cell of Table II
 NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 WIND_NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
 
@@ -48,7 +48,7 @@ def interval(values):
 
 
 def difference_from(estimate, start=0.0):
-    """Return start - x for an estimate x with its interval."""
+    """Return the estimate of `start` minus x with its interval, given the estimate of x."""
     value, low, high = start - np.asarray(estimate)
     return np.array([value, high, low])
 

@@ -16,7 +16,7 @@ from drake_quad.replication.measures import EFFORTS, leg_metrics, measures
 # The path goes along X and back at a height of 1 m, and takes 16 s; the legs begin at 0, 4, 8 and 12 s.
 PATH = minimum_snap([[0.0, 0, 1], [1, 0, 1], [2, 0, 1], [1, 0, 1], [0, 0, 1]], [0.0, 4.0, 8.0, 12.0, 16.0])
 PLAN = Plan.with_constant_yaw(PATH, legs=(Leg("rise", 0), Leg("climb", 1), Leg("circle", 2), Leg("straight", 3)))
-TIME = 0.02 * np.arange(801)
+TIME = 0.02 * np.arange(801)  # s
 
 
 def flight(crash_time=math.inf, **signals):

@@ -21,7 +21,7 @@ from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.positions import positions
 
-NUM_SAMPLES = 40
+NUM_SAMPLES = 40  # samples of each cell of Table II
 
 
 def load(cell, overrides=()):

@@ -22,7 +22,7 @@ INDI_POSITION = {
 FEEDBACK_NETWORK = {"kind": "type_1", "learning": {"kind": "covariance", "signal": "feedback"}}
 FIXED_NETWORK = {"kind": "type_1", "learning": {"kind": "gradient", "rate": 0.0}}
 ZERO_K_I = {"k_i": [0.0, 0.0, 0.0]}
-GUST = {"kind": "gust", "velocity": [2.0, 1.0, 0.0], "start": 0.1, "rise_time": 0.1}
+GUST = {"kind": "gust", "velocity": [2.0, 1.0, 0.0], "start": 0.1, "rise_time": 0.1}  # m/s and s
 ZERO_GUST = GUST | {"velocity": [0.0, 0.0, 0.0]}
 WITH_DRAG = {"vehicle.linear_drag": 0.2, "vehicle.body_drag.linear": [0.1, 0.2, 0.3]}
 

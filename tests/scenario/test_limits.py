@@ -151,7 +151,9 @@ def test_parsing_stops_at_the_limit_on_nesting(write, composed_nodes, text):
     assert len(composed_nodes) <= limits.MAX_LEVELS
 
 
-MULTIPLYING_ALIASES = (
+# YAML list with nested aliases: each anchor contains ten aliases of the anchor before, so the list expands to 10⁵
+# numbers.
+NESTED_ALIASES = (
     "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in ("ab", "bc", "cd", "de", "ef")) + "]"
 )
 
@@ -161,7 +163,7 @@ MULTIPLYING_ALIASES = (
     ("value", "words"),
     [
         ("&a [*a, *a]", "the alias *a must come after the value with its anchor"),
-        (MULTIPLYING_ALIASES, "is too large"),
+        (NESTED_ALIASES, "is too large"),
     ],
 )
 def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, words):
@@ -510,7 +512,7 @@ def test_the_error_for_a_state_that_changes_too_fast_gives_the_reason(write):
 
 
 def test_the_limit_on_waypoints_includes_all_laps(diagrams):
-    """A route with fifty laps of twenty waypoints reaches the limit."""
+    """A route with fifty laps of twenty waypoints reaches the limit of 1,000 waypoints."""
     points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
     route = f"route={{kind: waypoints, waypoints: [{points}]}}"
     assert load_scenario(diagrams / "hover.yaml", [route, "route.laps=50"]).route.laps == 50

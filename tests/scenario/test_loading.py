@@ -764,7 +764,10 @@ def test_a_missing_file_is_reported_with_the_line_of_the_scenario(tmp_path, fiel
     (tmp_path / "mine.yaml").write_text(f"a:\n  {field.replace('FILE', 'gone.xyz')}\n")
     with pytest.raises(InputError) as error:
         load_scenario(tmp_path / "mine.yaml")
-    assert str(error.value) == f"{tmp_path / 'mine.yaml'}:2: {path} names {tmp_path / 'gone.xyz'}, which does not exist"
+    assert (
+        str(error.value)
+        == f"{tmp_path / 'mine.yaml'}:2: {path} refers to {tmp_path / 'gone.xyz'}, which does not exist"
+    )
     (tmp_path / "gone.xyz").mkdir()
     with pytest.raises(InputError, match=r"mine.yaml:2: .*gone.xyz, which is not a file$"):
         load_scenario(tmp_path / "mine.yaml")

@@ -111,7 +111,8 @@ def test_a_distribution_replaces_another_distribution_completely(load):
 def test_an_override_may_name_a_file_by_a_pathlib_path(load):
     with pytest.raises(
         InputError,
-        match="^override control.network.learned: control.network.learned names nowhere.yaml, which does not exist$",
+        match="^override control.network.learned: control.network.learned refers to nowhere.yaml, which does not"
+        " exist$",
     ):
         load({"control.network.learned": Path("nowhere.yaml")})
 

@@ -274,7 +274,7 @@ def test_a_file_that_is_not_a_network_is_refused(tmp_path, name, data, words):
     with pytest.raises(InputError, match=words):
         load_scenario(tmp_path / "mine.yaml")
     (tmp_path / name).unlink()
-    with pytest.raises(InputError, match=rf"mine.yaml:6: control.policy names .*{name}, which does not exist$"):
+    with pytest.raises(InputError, match=rf"mine.yaml:6: control.policy refers to .*{name}, which does not exist$"):
         load_scenario(tmp_path / "mine.yaml")
     (tmp_path / "net.pt").touch()
     (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.pt"), encoding="utf-8")

@@ -33,13 +33,13 @@ WHOLE_FLIGHT_OVERRIDE = "metrics={start: 0, end: null}"
 
 
 class Altitude(NamedTuple):
-    """Height above the ground."""
+    """Reading of the altimeter: the height above the origin of W."""
 
     height: Annotated[Row, Quantity("m", "W")]
 
 
 class AltimeterParameters(NamedTuple):
-    """Errors of an altimeter."""
+    """Parameters of the errors of an altimeter."""
 
     noise: Annotated[Row, Quantity("m")] = 0.0
     latency_samples: Number = 0.0

@@ -146,7 +146,7 @@ def test_fields_of_obstacles_have_paths(folder):
             "the 4 points of a hull are in a plane",
         ),
         ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
-        ("obstacles.rock.points=no.obj", "space.obstacles.rock.points names no.obj, which does not exist"),
+        ("obstacles.rock.points=no.obj", "space.obstacles.rock.points refers to no.obj, which does not exist"),
         ("obstacles.rock.points=rock.ply", "rock.ply: is a PLY mesh and cannot be read: convert it to .obj or .stl"),
         ("obstacles.two words={}", "the name of an obstacle must consist of letters"),
         ("obstacles.kind=3", "the name of an obstacle"),

@@ -115,7 +115,7 @@ def state_after(name, effect, speed=0.0, until=0.4):
 
 
 def has_constant_acceleration(name, effect):
-    """Return whether the acceleration is constant."""
+    """Return whether the acceleration of a hovering vehicle with an effect is constant."""
     at_start, half_way, at_end = (state_after(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
     return np.abs(at_end - 2.0 * half_way + at_start).max() < 1e-9
 
@@ -167,7 +167,10 @@ def check_member(name, kind):
 
 
 def check_response(name, kind):
-    """Assert that an identified attitude response can be combined with exactly the effects that its system models."""
+    """Assert that `AttitudeResponseQuadrotor` rejects an effect exactly if the effect is declared as unsupported.
+
+    The only exception is a rotor failure, which is declared as unsupported but is not rejected.
+    """
     vehicle = with_effect(name, example(name, kind))
     effects = vehicle.effect_parameters()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))

@@ -24,7 +24,7 @@ REPOSITORY = Path(__file__).parent.parent.parent
 EXAMPLE_SCRIPT = REPOSITORY / "scripts" / "wind_shear.py"
 # Positions X, Y, Z at which winds are evaluated, m.
 POSITIONS = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
-SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
+SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)  # m/s and s
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:

@@ -27,10 +27,10 @@ from drake_quad.space.regions import Regions
 from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-LIMITS = PathLimits(speed=2.0, acceleration=2.0)
+LIMITS = PathLimits(speed=2.0, acceleration=2.0)  # m/s and m/s²
 START = Box.point([0.5, 1.0, 1.0])
 END = Box.point([3.5, 1.0, 1.0])
-BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])
+BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])  # m, room in which paths are planned
 
 
 def space_of(*shapes, radius=0.2):

@@ -14,7 +14,7 @@ from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-EMPTY_SPACE = Space((), radius=0.1)
+EMPTY_SPACE = Space((), radius=0.1)  # m
 # Each axis of this grid has a different spacing.
 UNEVEN_BOUNDS = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
 
@@ -26,7 +26,7 @@ def wall_at(x, thickness, **clearance):
 
 
 def indices(grid):
-    """Return the indices (n, 3) of the points of a grid along its axes."""
+    """Return the indices (n, 3), along the three axes, of the n points of a grid."""
     return np.stack(np.unravel_index(np.arange(len(grid.points)), grid.shape), axis=-1)
 
 

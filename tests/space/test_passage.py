@@ -20,7 +20,7 @@ TRANSITION_COST = 0.1
 
 
 class Boxes(Regions):
-    """Substitute for `Regions` whose regions are boxes. Growing a region adds a box around the seed."""
+    """Substitute for `Regions` with boxes as regions. Growing a region adds a box of 60 cm around the seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))

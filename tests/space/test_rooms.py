@@ -21,7 +21,7 @@ from drake_quad.space.space import Obstacle, Space
 # `make rooms` plans a hundred rooms. By default only three are planned. Room 4 has no route, and room 1 is planned with
 # minimum snap.
 ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
-LIMITS = PathLimits(speed=2.0, acceleration=2.0)
+LIMITS = PathLimits(speed=2.0, acceleration=2.0)  # m/s and m/s²
 
 
 def plan(room, timing):

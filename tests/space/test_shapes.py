@@ -16,7 +16,7 @@ from drake_quad.space.space import Obstacle, Space
 
 CENTRE = (0.3, -0.7, 1.1)  # m
 ROTATION = (0.4, -0.9, 2.0)  # rad: roll, pitch, yaw
-HULL_POINTS = np.random.default_rng(5).normal(size=(30, 3))
+HULL_POINTS = np.random.default_rng(5).normal(size=(30, 3))  # m
 SHAPES = {
     "cuboid": Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)),
     "upright cuboid": Cuboid(CENTRE, size=(0.4, 1.2, 2.1)),

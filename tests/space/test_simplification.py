@@ -12,7 +12,7 @@ from drake_quad.space import simplification
 from drake_quad.space.shapes import convex_hull
 from drake_quad.space.simplification import MAX_GROWTH, simplified_hull
 
-MAX_CORNERS = 100
+MAX_CORNERS = 100  # largest number of corners of a simplified hull
 
 
 def sphere(count, seed=0):

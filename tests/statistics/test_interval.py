@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 
-EXAMPLE = Interval(value=0.2, low=0.1, high=0.4)
+EXAMPLE = Interval(value=0.2, low=0.1, high=0.4)  # estimate with an asymmetric interval
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 
 
@@ -66,7 +66,7 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (Interval(0.5, -math.inf, math.inf).text(), "0.500 [-∞, ∞]"),
         (Interval(0.5, -math.inf, 0.7).text(), "0.50 [-∞, 0.70]"),
         (Interval(math.nan, 0.0, 1.0).text(), "–"),
-        # The error of a crash is infinite.
+        # A flight with a crash has an infinite error.
         (Interval(math.inf, math.inf, math.inf).text(infinities=("-∞", "crash")), "crash"),
         (Interval(math.inf, -math.inf, math.inf).text(infinities=("-∞", "crash")), "crash"),
         (Interval(0.5, -math.inf, 0.6).text(infinities=("crash", "∞")), "0.50 [crash, 0.60]"),

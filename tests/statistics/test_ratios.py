@@ -60,7 +60,7 @@ def test_the_interval_depends_neither_on_the_unit_of_the_metrics_nor_on_the_orde
     values, baseline, _ = lognormal_pairs(np.random.default_rng(3), 30)
     actual = ratio_of_means(values, baseline)
     assert ratio_of_means(1e-3 * values[::-1], 1e-3 * baseline[::-1]) == pytest.approx(actual, rel=1e-12)
-    # The interval of the inverse ratio consists of the inverse values.
+    # The confidence interval of the inverse ratio consists of the inverse ends.
     inverse = ratio_of_means(baseline, values)
     assert inverse == pytest.approx((1.0 / actual.value, 1.0 / actual.high, 1.0 / actual.low), rel=1e-12)
 

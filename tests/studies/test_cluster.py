@@ -225,7 +225,7 @@ def test_an_unreachable_cluster_is_named_in_the_error(unreachable):
 
 
 class Future:
-    """Dask future whose status changes with each query of the pool."""
+    """Stub of a Dask future whose status changes each time the worker pool queries it."""
 
     def __init__(self, *statuses):
         self.statuses = [*statuses]
@@ -244,7 +244,7 @@ class Future:
 
 
 class Client:
-    """Dask client whose scheduler replies."""
+    """Stub of a Dask client whose scheduler always replies."""
 
     status = "running"
     scheduler = SimpleNamespace(ncores=None)
@@ -296,6 +296,6 @@ def test_a_scheduler_that_freezes_ends_a_study(frozen):
 
 @pytest.mark.long
 def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
-    """This is the last test, since the others need the scheduler."""
+    """This test is the last one of the file, because the other tests need the scheduler that it stops."""
     folder = tmp_path / "study"
     check_end(send_signal_during_study(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")

@@ -41,7 +41,7 @@ class TimeVaryingWind(LeafSystem):
         output.SetFromVector(np.repeat([np.sin(8.0 * context.get_time()), 0.5, 0.0], self.num_vehicles))
 
 
-NUM_SAMPLES = 24
+NUM_SAMPLES = 24  # samples of a study
 OVERRIDES = ["duration=0.4", "crash.position_error=0.018"]
 
 
@@ -546,7 +546,7 @@ class PoolWithGivenOutcome(WorkerPool):
 
 
 def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False):
-    """Run the trial of user systems before a study, with given RMSEs of its three flights, and return the pool."""
+    """Run the check of user systems before a study, with invented RMSEs of its three flights; return the pool."""
     rows = np.ones((3, len(study_columns(study()))))
     rows[:, study_columns(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan

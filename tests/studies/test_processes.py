@@ -164,7 +164,7 @@ def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
 
 
 class FakeWorker:
-    """Worker with a known outcome."""
+    """Stub of a worker process with a given outcome."""
 
     def __init__(self, time_left, outcome, *, busy=True, ended=False):
         self.time_left, self.busy, self.ended, self._outcome = time_left, busy, ended, outcome
@@ -287,7 +287,7 @@ def test_ctrl_c_is_blocked_while_a_process_starts():
 
 
 class Pipe:
-    """End of a pipe that receives one message and is then closed."""
+    """Stub of the end of a pipe, which receives the given messages and is then closed."""
 
     def __init__(self, *messages):
         self.waiting, self.sent = [*messages], []

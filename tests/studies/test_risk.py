@@ -112,7 +112,7 @@ def test_the_performance_of_a_flight_is_negative_unless_the_event_occurs():
 @pytest.mark.slow
 @pytest.mark.parametrize(("event", "value"), [("saturated_fraction > 0", "0"), ("settling_time < 0.3", "inf")])
 def test_a_metric_that_is_the_same_in_almost_all_flights_is_refused(event, value):
-    """Such a metric does not show how close a flight is to the event."""
+    """A metric with one value in almost all flights does not show how close a flight is to the event."""
     scenario = load_scenario("hover", [*OVERRIDES, "metrics.additional.settling_time.radius=1e-9"])
     words = rf"{event.split()[0]} is {value} in 100.0% of the samples of a step, .* choose another metric"
     with pytest.raises(InputError, match=words):

@@ -24,7 +24,7 @@ Values = namedtuple("Values", ["total"])
 
 
 class Sum:
-    """Evaluator of the sum of the coordinates, in batches of three that end in reverse order."""
+    """Stub of an evaluator whose value is the sum of the coordinates. Batches of three end in reverse order."""
 
     plan = None
 

@@ -28,7 +28,7 @@ def hover():
 
 
 def table(samples, crash_time=math.inf, value=0.5):
-    """Return the results of samples of a scenario without distributions, with equal values of all metrics."""
+    """Return the rows of a results file for some samples of a scenario; all metrics have the same value."""
     columns = [np.full(len(samples), value)] * (len(Metrics._fields) - 1)
     batch = Batch.draw(load_scenario("diagrams/hover.yaml", ["duration=2"]), samples)
     return study_rows(batch, Metrics(*columns, np.full(len(samples), crash_time)))

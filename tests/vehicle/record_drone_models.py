@@ -25,7 +25,7 @@ PARAMETERS = (
     *("mass", "L", "prop_inertia", "gravity_vec", "J", "rpm2thrust", "rpm2torque", "mixing_matrix", "drag_matrix"),
     "rotor_dyn_coef",
 )
-NUM_STATES = 25
+NUM_STATES = 25  # number of random states that are recorded for each drone
 RPM = 2.0 * np.pi / 60.0  # one revolution per minute, rad/s
 
 
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def sample(rng: np.random.Generator, numbers: dict) -> dict:
-    """Return a random state, commanded rotor speeds, and the derivatives."""
+    """Return a random state, random commanded rotor speeds, and the package's derivatives of the state."""
     attitude = rng.uniform(-1.2, 1.2, 3) * [1.0, 1.0, 2.5]
     velocity, rates = 2.0 * rng.normal(size=3), 5.0 * rng.normal(size=3)
     speeds, commands = rng.uniform(900.0, 2500.0, (2, 4))

@@ -31,7 +31,7 @@ from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
 NATURAL_FREQUENCIES = np.array([6.8, 6.1, 3.0])  # rad/s
-DAMPING_RATIOS = np.array([0.45, 1.0, 1.4])
+DAMPING_RATIOS = np.array([0.45, 1.0, 1.4])  # of roll, pitch and yaw
 RESPONSE = AttitudeResponse(NaturalFrequencies(*NATURAL_FREQUENCIES), DampingRatios(*DAMPING_RATIOS))
 TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
 

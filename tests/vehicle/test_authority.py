@@ -6,7 +6,7 @@ import pytest
 from drake_quad.vehicle.authority import explain_infeasible_hover, explain_missing_wrench
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
-ALTERNATING_DIRECTIONS = (-1.0, 1.0, -1.0, 1.0)
+ALTERNATING_DIRECTIONS = (-1.0, 1.0, -1.0, 1.0)  # of rotors 1 to 4, seen from above; 1 is anticlockwise
 
 
 def layout_of(positions, turns=ALTERNATING_DIRECTIONS, drag_factors=(8.5e-7,) * 4):

@@ -28,7 +28,7 @@ from drake_quad.vehicle.autopilot import (
 )
 from drake_quad.vehicle.parameters import Inertia
 
-I_XX, I_YY, I_ZZ = 0.0065, 0.0085, 0.0126
+I_XX, I_YY, I_ZZ = 0.0065, 0.0085, 0.0126  # kg m²
 AUTOPILOT_PARAMETERS = AutopilotParameters(
     LoopGains(6.0, 5.5, 2.8),
     LoopGains(14.0, 12.0, 9.0),

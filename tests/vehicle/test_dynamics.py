@@ -26,8 +26,8 @@ from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_derivatives
 
 PAPER_VEHICLE = QuadrotorParameters()
-NO_WIND = Wind(0.0, 0.0, 0.0)
-NO_WRENCH = Wrench(0.0, 0.0, 0.0, 0.0)
+NO_WIND = Wind(0.0, 0.0, 0.0)  # m/s
+NO_WRENCH = Wrench(0.0, 0.0, 0.0, 0.0)  # N and N m
 
 
 def random_states(count, seed):

@@ -33,7 +33,7 @@ from drake_quad.vehicle.slung_load import SlungLoad
 
 DRAG = BodyDrag(LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.04, 0.05, 0.06), CentreOfPressure(0.01, -0.02, 0.03))
 ROTOR_AERODYNAMICS = RotorAerodynamics(lift=0.03, climb=0.11, drag=2e-4, inflow=3e-4)
-GROUND_EFFECT = GroundEffect(rotor_radius=0.21, ground_height=-0.4)
+GROUND_EFFECT = GroundEffect(rotor_radius=0.21, ground_height=-0.4)  # m
 PAYLOAD = Payload(0.23, PayloadPosition(0.04, -0.03, -0.09), Inertia(2e-4, 3e-4, 5e-4))
 EFFECTS = {
     "body drag": Effects(body_drag=DRAG),
@@ -238,7 +238,7 @@ def test_a_payload_agrees_with_a_multibody_plant(asymmetric_vehicle):
         assert_close(derivative[9:12], R_WB.inverse() @ acceleration.rotational(), 1e-11)
 
 
-SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)
+SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)  # kg and m
 
 
 @pytest.fixture(scope="module")

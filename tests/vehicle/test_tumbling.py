@@ -301,7 +301,7 @@ def test_the_attitude_of_a_vehicle_with_an_attitude_response_is_the_integral_of_
     assert degrees_apart(states[-1:, 3:6], rotation) < 1e-3
 
 
-SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)
+SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)  # kg and m
 
 
 @pytest.mark.slow

@@ -90,20 +90,20 @@ class Browser:
                 self.console.append(json.dumps(reply["params"]))
 
     def value(self, expression: str) -> Any:
-        """Return the value of a JavaScript expression."""
+        """Return the value of a JavaScript expression in the page."""
         result = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
     def wait_for(self, expression: str, timeout: float = 600.0) -> None:
-        """Wait until a JavaScript expression is true."""
+        """Wait until a JavaScript expression becomes true in the page."""
         deadline = time.monotonic() + timeout
         while not self.value(f"Boolean({expression})"):
             assert time.monotonic() < deadline, f"{expression} is not true after {timeout} s"
             time.sleep(0.05)
 
     def screenshot(self, file: Path) -> Path:
-        """Write a screenshot as PNG."""
+        """Write a screenshot of the page as a PNG file."""
         file.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
         return file
 

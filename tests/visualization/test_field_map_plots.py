@@ -11,8 +11,8 @@ from drake_quad.visualization.field_map_plots import plot_field_maps
 # Metrics of four flights, one for each cell of a map. The first flight crashes, the second violates the requirement,
 # the third does not settle, and the fourth settles.
 CRASH_TIME = np.array([[1.0, math.inf], [math.inf, math.inf]])
-RECOVERY_ROBUSTNESS = np.array([[0.5, -0.1], [0.2, 0.3]])
-SETTLING_TIME = np.array([[2.0, 3.0], [math.inf, 4.0]])
+RECOVERY_ROBUSTNESS = np.array([[0.5, -0.1], [0.2, 0.3]])  # m, for each cell of the map
+SETTLING_TIME = np.array([[2.0, 3.0], [math.inf, 4.0]])  # s, for each cell of the map; infinite without settling
 
 
 def field_map():

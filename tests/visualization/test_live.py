@@ -42,7 +42,7 @@ def page(monkeypatch):
 
 
 class NullVisualizer:
-    """Visualizer that draws nothing."""
+    """Stub of a visualizer that draws nothing."""
 
     def __init__(self, *_):
         pass

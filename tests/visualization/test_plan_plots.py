@@ -5,7 +5,7 @@ import numpy as np
 from drake_quad.reference.regions import Box, Polytope
 from drake_quad.visualization.plan_plots import outline
 
-DRAWING_BOX = Box([-5.0, -5.0, -5.0], [5.0, 5.0, 5.0])
+DRAWING_BOX = Box([-5.0, -5.0, -5.0], [5.0, 5.0, 5.0])  # m
 
 
 def area(corners):

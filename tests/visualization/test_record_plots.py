@@ -6,7 +6,7 @@ import pytest
 from drake_quad.logs.record import COLUMNS, FlightRecord
 from drake_quad.visualization.record_plots import plot_record
 
-TIME = np.concatenate([np.arange(10) * 0.01, 0.5 + np.arange(10) * 0.01])
+TIME = np.concatenate([np.arange(10) * 0.01, 0.5 + np.arange(10) * 0.01])  # s, with a gap of 0.4 s
 
 
 def record(*names):

@@ -39,7 +39,7 @@ from drake_quad.visualization.style import AXIS_COLORS, BLUE, SKY
 
 
 class Animation:
-    """Animation that stores its keyframes by path and property."""
+    """Stub of a Meshcat animation, which stores its keyframes by path and property."""
 
     def __init__(self, rate):
         self.rate, self.transforms, self.properties = rate, {}, {}
@@ -112,7 +112,7 @@ class Scene:
         self.published = True
 
 
-X_LAYOUT = Rotors.x(length=0.2, width=0.3)
+X_LAYOUT = Rotors.x(length=0.2, width=0.3)  # m
 FRAME = Frame(rotors=X_LAYOUT, roots=(np.zeros(3),) * 4)
 
 

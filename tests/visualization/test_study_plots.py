@@ -17,7 +17,7 @@ from drake_quad.visualization.overview import plot_study
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import save_figures
 
-NUM_SAMPLES = 200
+NUM_SAMPLES = 200  # samples of a study
 MASS_PATH = "vehicle.mass"
 DELAY_PATH = "laboratory.motion_capture.latency_frames"
 

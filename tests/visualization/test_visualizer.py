@@ -16,7 +16,7 @@ from drake_quad.visualization.replay.shapes import Frame
 from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
 HOVER = load_scenario("hover")
-VEHICLE_STATE = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
+VEHICLE_STATE = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])  # position in m and attitude in rad, at rest
 
 
 def shown_scene(time, scenario=HOVER, **constants):

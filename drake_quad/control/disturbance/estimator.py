@@ -36,14 +36,14 @@ def initial_memories(parameters: Any) -> tuple[Any, ...]:
 
 
 def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
-    """Return the measured position and velocity on X, Y and Z."""
+    """Return the measured position and velocity along X, Y and Z."""
     return AxisMeasurement(state.x, state.v_x), AxisMeasurement(state.y, state.v_y), AxisMeasurement(state.z, state.v_z)
 
 
 def estimate(
     memory: tuple[Any, ...], measured: tuple[AxisMeasurement, ...], laws: tuple[Any, ...], limit: Row, period: float
 ) -> tuple[tuple[Any, ...], tuple[Row, ...]]:
-    """Correct the state of the law of each axis with a measurement.
+    """Correct the state of the disturbance estimator on each axis with a measurement.
 
     Returns:
         The corrected states, and the saturated disturbances in m/s².
@@ -92,7 +92,7 @@ def shift_delay_line(sent: Any, in_transit: tuple[Any, ...]) -> tuple[Any, tuple
 def limited_disturbance(
     memory: tuple[Any, ...], measurement: State, parameters: EstimatorParameters, period: float
 ) -> Acceleration:
-    """Return the estimated disturbance at a tick, m/s², saturated at the limit."""
+    """Return the estimated disturbance at a tick, m/s², saturated at the estimator's limit."""
     _, limited = estimate(memory, measured_on_axes(measurement), parameters.laws, parameters.limit, period)
     return Acceleration(*limited)
 
@@ -154,7 +154,7 @@ class DisturbanceEstimator(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: EstimatorParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
         zero = Acceleration(0.0, 0.0, 0.0)
         correction = self.input("correction", absent=zero)

@@ -48,7 +48,7 @@ class DisturbanceLaw(Protocol):
         """Return the memory for a vehicle at rest at a position (m) without disturbance."""
 
     def correct(self, memory: "tuple[Row, ...]", measured: AxisMeasurement, period: float) -> "tuple[Row, ...]":
-        """Return the memory after the measurement of a tick."""
+        """Return the law's memory after it has been corrected with the measurement of a tick."""
 
     def predict(self, memory: "tuple[Row, ...]", increment: ModelIncrement, period: float) -> "tuple[Row, ...]":
         """Return the memory predicted for the next tick, given the modelled change of the motion until then."""
@@ -103,7 +103,7 @@ class KalmanLaw(NamedTuple):
         return cls(time_constant, KalmanMemory(*gain.ravel().tolist()))
 
     def initial_memory(self, position: Row) -> KalmanMemory:
-        """Return the memory at rest; see `DisturbanceLaw`."""
+        """Return the memory of the law for a vehicle at rest; see `DisturbanceLaw`."""
         return KalmanMemory(position, 0.0, 0.0)
 
     def correct(self, memory: KalmanMemory, measured: AxisMeasurement, period: float) -> KalmanMemory:
@@ -112,7 +112,7 @@ class KalmanLaw(NamedTuple):
         return KalmanMemory._make(known + gain * innovation for known, gain in zip(memory, self.gain, strict=True))
 
     def predict(self, memory: KalmanMemory, increment: ModelIncrement, period: float) -> KalmanMemory:
-        """Return the exact prediction of the model; see `DisturbanceLaw`."""
+        """Return the state that the Kalman filter predicts for the next tick; see `DisturbanceLaw`."""
         position, velocity, disturbance = memory
         after, speed, distance = lag_step(disturbance, 0.0, self.time_constant, period)
         return KalmanMemory(
@@ -179,7 +179,7 @@ class AdaptiveLaw(NamedTuple):
     bandwidth: Row
 
     def initial_memory(self, position: Row) -> DifferencedMemory:
-        """Return the memory at rest; see `DisturbanceLaw`."""
+        """Return the memory of the law for a vehicle at rest; see `DisturbanceLaw`."""
         return _differenced_memory_at_rest(position)
 
     def correct(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
@@ -214,7 +214,7 @@ class IncrementalLaw(NamedTuple):
     bandwidth: Row
 
     def initial_memory(self, position: Row) -> DifferencedMemory:
-        """Return the memory at rest; see `DisturbanceLaw`."""
+        """Return the memory of the law for a vehicle at rest; see `DisturbanceLaw`."""
         return _differenced_memory_at_rest(position)
 
     def correct(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:

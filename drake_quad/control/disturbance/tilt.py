@@ -161,7 +161,7 @@ class TiltDisturbanceEstimator(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: TiltEstimatorParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
         zero = Acceleration(0.0, 0.0, 0.0)
         learned = self.input("learned_disturbance", absent=zero)

@@ -49,9 +49,8 @@ _MIN_DISTANCE = 1e-9
 _MAX_DISPLACEMENT = 0.25
 # Smallest sum of the widths of two neighbouring sets, relative to the gap between their centres.
 _MIN_OVERLAP = 1.02
-# Smallest and largest exponents: a₁ of the upper memberships, and a₂ of the lower memberships.
-_UPPER_EXPONENT_RANGE = (1.001, 10.0)
-_LOWER_EXPONENT_RANGE = (0.1, 0.999)
+_UPPER_EXPONENT_RANGE = (1.001, 10.0)  # range of the exponent a₁ of the upper memberships
+_LOWER_EXPONENT_RANGE = (0.1, 0.999)  # range of the exponent a₂ of the lower memberships
 
 
 class AdaptationRates(NamedTuple):

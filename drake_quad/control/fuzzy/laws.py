@@ -36,10 +36,10 @@ class LearningLaw(Protocol):
 
     @property
     def memory_name(self) -> str:
-        """Name of the state of `WeightLearning` that holds the memory."""
+        """Name of the state of `WeightLearning` that holds the memory of the law."""
 
     def memory(self, num_rules: int) -> Rows:
-        """Return the initial memory."""
+        """Return the initial memory of the law, for a number of rules."""
 
     def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
         """Return weights and memory at the next tick.
@@ -74,15 +74,15 @@ class CovarianceLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Name of the state that holds P."""
+        """Name of the state that holds the covariance P."""
         return "covariance"
 
     def memory(self, num_rules: int) -> Rows:
-        """Return the upper triangle of P₀, row by row."""
+        """Return the initial memory: the upper triangle of the initial covariance P₀, row by row."""
         return tuple([self.initial_covariance if i == j else 0.0 for i, j in _upper_triangle(num_rules)])
 
     def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """Return weights and covariance after eqs (16) and (17); see `LearningLaw`."""
+        """Return weights and covariance after eqs (16) and (17) of the paper; see `LearningLaw`."""
         size = len(weights)
         covariance = dict(zip(_upper_triangle(size), memory, strict=True))
         information = [

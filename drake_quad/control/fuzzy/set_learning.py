@@ -117,7 +117,7 @@ class SetLearning(FleetSystem):
         parts: Sequence[Part] = ("centres", "widths", "exponents"),
         parameters: AdaptationParameters = AdaptationParameters(),
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         axes, inputs = tuple(axes), tuple(inputs)
         first, *_ = parameters.antecedents
         weights = self.input("weights", layout=layout_on_axes(len(axes), first.num_rules))

@@ -128,7 +128,7 @@ class FuzzyRules(FleetSystem):
         leads: bool = False,
         parameters: FuzzyRulesParameters = FuzzyRulesParameters(),
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         axes, inputs = tuple(axes), tuple(inputs)
         signals = [self.input(name) for name in input_signals(inputs)]
         antecedents: Any
@@ -151,7 +151,7 @@ class LearningParameters(NamedTuple):
     """Parameters of a network's learning.
 
     Attributes:
-        slope: λ of eq (15), 1/s; not used if the network learns from the feedback.
+        slope: λ of eq (15) of the paper, 1/s; not used if the network learns from the feedback.
         law: learning law from `drake_quad.control.fuzzy.laws`.
         limits: limits of learning.
         initial_weight: initial weight F₀ of all rules, m/s².
@@ -164,7 +164,7 @@ class LearningParameters(NamedTuple):
 
 
 def surface(axis: Axis, parameters: LearningParameters, error: PositionError, rate: PositionErrorRate) -> Row:
-    """Return s_p = ė + λ e on an axis, m/s, eq (15)."""
+    """Return the learning signal s_p = ė + λ e of an axis in m/s, eq (15) of the paper."""
     sliding: Row = getattr(rate, axis) + parameters.slope * getattr(error, axis)
     return sliding
 
@@ -248,13 +248,13 @@ def _is_at_tick(time: Row, ticks: Sequence[int], period: float) -> bool:
 
 
 def network_output(weights: PerNetworkAxis, firing: PerNetworkAxis, axes: Sequence[Axis]) -> Acceleration:
-    """Return τ_f = Fᵀ W on each axis of a network, zero on the other axes."""
+    """Return the output τ_f = Fᵀ W of a network on each of its axes; zero on all other axes."""
     on_axes = {axis: dot(f, w) for axis, f, w in zip(axes, weights, firing, strict=True)}
     return Acceleration(on_axes.get("x", 0.0), on_axes.get("y", 0.0), on_axes.get("z", 0.0))
 
 
 def covariance_traces(memory: PerNetworkAxis) -> tuple[Row, ...]:
-    """Return tr P on each axis of a network."""
+    """Return the trace of the covariance P on each axis of a network."""
     return tuple([trace(covariance) for covariance in memory])
 
 
@@ -314,7 +314,7 @@ class WeightLearning(FleetSystem):
         leads: bool = False,
         parameters: LearningParameters = LearningParameters(),
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         law, axes = parameters.law, tuple(axes)
         ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
         per_axis = layout_on_axes(len(axes), num_rules)

@@ -451,7 +451,7 @@ def next_sent(output: RegulatorOutput, snap: Snap, sent: SentCommands) -> SentCo
 
 
 def position_error(estimate: Estimate, reference: Reference) -> PositionError:
-    """Return the position error: reference position minus estimated position."""
+    """Return the position error in m: reference position minus estimated position."""
     x, y, z = estimate
     return PositionError(reference.x - x.position, reference.y - y.position, reference.z - z.position)
 
@@ -475,12 +475,12 @@ def outer_feedback(error: PositionError, rate: PositionErrorRate, parameters: Lq
 
 
 def total_disturbance(estimate: Estimate) -> Acceleration:
-    """Return the estimated disturbing acceleration d̂₁ + d̂₂."""
+    """Return the estimated disturbing acceleration d̂₁ + d̂₂ along X, Y and Z, m/s²."""
     return Acceleration._make(chain.first + chain.second for chain in estimate)
 
 
 def corrected_acceleration(reference: Reference, correction: Acceleration | None) -> Acceleration:
-    """Return the reference acceleration minus a correction."""
+    """Return the reference acceleration minus a network's correction, if there is one."""
     a_x, a_y, a_z = reference.a_x, reference.a_y, reference.a_z
     if correction is None:
         return Acceleration(a_x, a_y, a_z)

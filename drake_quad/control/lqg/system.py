@@ -183,7 +183,7 @@ class LinearQuadraticGaussian(FleetSystem):
         takes_perturbation: bool = False,
         parameters: LqgParameters,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         measurement, reference = self.input("measurement"), self.input("reference")
         jerk = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0))
         snap = self.input("reference_snap", absent=Snap(0.0, 0.0, 0.0, 0.0))

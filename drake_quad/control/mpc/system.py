@@ -62,7 +62,7 @@ class PredictiveProgramme(FleetSystem):
         corridor: Corridor = NO_WALLS,
         tilt_weight: float = 10.0,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         layout = layout_of(Preview)
         columns = np.transpose([layout.flatten(each) for each in preview])
         horizon = Horizon(nominal, layout.build(list(columns)), corridor, tilt_weight, num_ticks, tick)

@@ -112,7 +112,7 @@ def _memories(gains: PidLoopGains) -> Memories:
 
 
 def empty_memory(parameters: CascadeParameters) -> CascadeMemory:
-    """Return the state before the first tick."""
+    """Return the state of a PID cascade before its first tick."""
     return CascadeMemory(_memories(parameters.position), _memories(parameters.velocity))
 
 

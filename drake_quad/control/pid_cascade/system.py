@@ -36,7 +36,7 @@ class CascadeState(NamedTuple):
 
 
 def initial_state(parameters: CascadeParameters, num_ticks: int) -> CascadeState:
-    """Return the state before the first tick."""
+    """Return the state of a PID cascade before its first tick."""
     if num_ticks == 1:
         return CascadeState(None, None, empty_memory(parameters))
     target = AttitudeTarget(parameters.mass * parameters.gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -135,7 +135,7 @@ class PidCascade(FleetSystem):
         rules: CascadeRules = CascadeRules(),
         parameters: CascadeParameters,
     ) -> None:
-        """Declare ports, state and parameters."""
+        """Declare the ports, state and parameters of this system."""
         parameter = self.parameter("parameters", lambda parameters: parameters)
         cascade = None
         if layout_of(CascadeState, initial_state(parameters, num_ticks)).num_rows:

@@ -51,7 +51,7 @@ class AccelerationActuation(FleetSystem):
     """
 
     def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, parameters: AccelerationScale) -> None:
-        """Declare ports and parameters."""
+        """Declare the ports and parameters of this system."""
         action, scale = _declare_action(self, num_rows=3)
         heading_inputs = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
         self.output("acceleration_command", commanded_acceleration, action, *heading_inputs, scale, frame, turn)
@@ -79,7 +79,7 @@ class AttitudeActuation(FleetSystem):
     """
 
     def declare(self, *, parameters: AttitudeScale) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         action, scale = _declare_action(self)
         self.packed_output(
             "thrust_and_attitude", VectoringOutput, commanded_attitude, action, self.input("reference"), scale
@@ -107,7 +107,7 @@ class OffboardRateActuation(FleetSystem):
     """
 
     def declare(self, *, parameters: RatesScale) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         action, scale = _declare_action(self)
         self.output("wrench", offboard_rate_command, action, self.input("measurement"), scale)
 
@@ -130,7 +130,7 @@ class OnboardRateActuation(FleetSystem):
     """
 
     def declare(self, *, parameters: RatesScale) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         self.output("attitude_target", onboard_rate_command, *_declare_action(self))
 
 
@@ -155,5 +155,5 @@ class RotorSpeedActuation(FleetSystem):
     """
 
     def declare(self, *, order: tuple[int, ...] = (0, 1, 2, 3), parameters: SpeedScale) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         self.output("wrench", wrench_of_speeds, *_declare_action(self), order)

@@ -19,8 +19,8 @@ from drake_quad.framework.symbols import Matrix
 from drake_quad.signals import Row
 
 Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leaky_relu", "gelu", "gelu_tanh"]
-_ROOT_OF_HALF = math.sqrt(0.5)
-_ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)
+_ROOT_OF_HALF = math.sqrt(0.5)  # √½, in the exact formula of GELU
+_ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)  # √(2/π), in the tanh approximation of GELU
 GELU_CUBIC_COEFFICIENT = 0.044715
 """Coefficient of the cubic term in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
 
@@ -52,7 +52,7 @@ def gelu(x: Row) -> Row:
 
 
 def gelu_tanh(x: Row) -> Row:
-    """Return the approximation of `gelu` by a hyperbolic tangent, from the same authors."""
+    """Return the approximation of GELU by a hyperbolic tangent (Hendrycks and Gimpel, 2016)."""
     return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + GELU_CUBIC_COEFFICIENT * x * x * x)))
 
 
@@ -84,7 +84,7 @@ class Dense(NamedTuple):
 
     @property
     def formula(self) -> Callable[[Row], Row]:
-        """Activation function σ."""
+        """Activation function σ of the layer."""
         formula = ACTIVATIONS[self.activation]
         return formula if self.alpha is None else partial(formula, alpha=self.alpha)
 
@@ -122,12 +122,12 @@ class Network(NamedTuple):
 
     @property
     def memory(self) -> tuple[tuple[float, ...], ...]:
-        """Initial memory of each recurrent layer."""
+        """Initial memory of each recurrent layer of the network."""
         return tuple([layer.initial for layer in self.layers if isinstance(layer, Gru)])
 
     @property
     def num_outputs(self) -> int:
-        """Number of outputs."""
+        """Number of outputs of the network."""
         *_, last = self.layers
         return len(last.initial) if isinstance(last, Gru) else last.matrix.num_rows
 

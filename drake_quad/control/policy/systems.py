@@ -90,7 +90,7 @@ class Observation(FleetSystem):
         clearance: Callable[[Row, Row, Row], Row] | None = None,
         parameters: ObservationParameters,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         state, reference = self.input("measurement"), self.input("reference")
         action = self.input("action", layout=rows_layout(num_actions))
         ahead: Any = self.input("reference_ahead", layout=rows_layout(3 * num_ahead)) if num_ahead else ()
@@ -159,7 +159,7 @@ class Policy(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.02, network: Network) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         observation = self.input("observation", layout=rows_layout(network.num_inputs))
         memory: Any = self.state("memory", lambda _: network.memory) if network.memory else ()
         layout = rows_layout(network.num_outputs)
@@ -209,7 +209,7 @@ def build_policy_control(
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
     if policy is None:
-        # This pass-through lets the diagram output the actions, as it does with a policy.
+        # The pass-through `action` lets the diagram output the actions, as it does with a policy.
         policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
         builder.ExportInput(policy.get_input_port(), "action")
     else:

@@ -15,9 +15,9 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Largest rotor thrust with standard propellers, N (platform_defaults_cf2.h, THRUST_MAX).
 MAX_THRUST = 0.12
-# Period of the position and velocity loops, and period of the attitude and body rate loops, s (stabilizer_types.h).
-POSITION_PERIOD = 0.01
-ATTITUDE_PERIOD = 0.002
+# Periods of the control loops (stabilizer_types.h).
+POSITION_PERIOD = 0.01  # s, period of the position and velocity loops
+ATTITUDE_PERIOD = 0.002  # s, period of the attitude and body rate loops
 _MAX_ROTOR_COMMAND = 65535.0  # command units
 # Thrust, in command units, that the velocity loop along Z commands per unit of its output.
 _THRUST_SCALE = 1000.0
@@ -35,7 +35,7 @@ _MAX_RATE_LOOP_OUTPUT = 32767.0
 _MAX_THRUST_CHANGE = 32.767
 # Cutoff frequency of the derivative filters in the position and velocity loops, Hz.
 _DERIVATIVE_CUTOFF = 20.0
-_DEGREE = math.pi / 180.0
+_DEGREE = math.pi / 180.0  # rad
 _POSITION_AXES = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 

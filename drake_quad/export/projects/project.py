@@ -1,4 +1,4 @@
-"""Description of a project around exported code."""
+"""Software projects, such as a flight-controller app, into which exported C code is written."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
@@ -42,7 +42,7 @@ class ExportedCode(NamedTuple):
 
     @property
     def number_type(self) -> str:
-        """C type of a number."""
+        """C type of a number in the exported code."""
         return PRECISIONS[self.description.precision].real
 
     @property

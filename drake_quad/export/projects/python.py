@@ -22,7 +22,7 @@ _SET_REFERENCE_METHOD = '''
 
 
 def _placeholders(code: ExportedCode) -> dict[str, str]:
-    """Return the values of the template's placeholders."""
+    """Return the values of the placeholders in the project's template."""
     return {
         "PERIOD": repr(code.description.period),
         "STRUCTS": "\n\n\n".join(_class_text(struct, code.description.name) for struct in code.structs),

@@ -38,15 +38,14 @@ from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
 _NANOSECONDS_PER_SECOND = 10**9
 _WORLD_FRAME = "world"  # name of the world frame W
-# Dimensions of drawn arms and rotors, relative to the largest horizontal distance between a rotor and the centre of
-# mass.
-_ARM_WIDTH = 0.08
-_ROTOR_WIDTH = 0.9
-_ROTOR_HEIGHT = 0.06
+# The dimensions of drawn arms and rotors are relative to the vehicle radius: the largest horizontal distance between a
+# rotor and the centre of mass.
+_ARM_WIDTH = 0.08  # vehicle radii
+_ROTOR_WIDTH = 0.9  # vehicle radii
+_ROTOR_HEIGHT = 0.06  # vehicle radii
 _LINE_WIDTH = 2.0  # pixels
-# Foxglove's codes for the line type LINE_STRIP and the log level ERROR.
-_LINE_STRIP_TYPE = 0
-_ERROR_LEVEL = 4
+_LINE_STRIP_TYPE = 0  # Foxglove's code of the line type LINE_STRIP
+_ERROR_LEVEL = 4  # Foxglove's code of the log level ERROR
 # RGB colours of the vehicles and their paths, in the order of the flights. Plots use the same colours (palette of Okabe
 # and Ito).
 _COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))

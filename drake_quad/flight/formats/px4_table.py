@@ -34,14 +34,14 @@ from drake_quad.geometry.quaternion import Quaternion
 _AXIS_SIGNS = (1.0, -1.0, -1.0)
 # Indices of this package's rotors in the order in which PX4 numbers them.
 _PX4_ROTOR_ORDER = (0, 2, 3, 1)
-_RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)
+_RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)  # revolutions per minute in 1 rad/s
 _MICROSECONDS_PER_SECOND = 1e6
 
 _Columns = dict[str, np.ndarray]
 
 
 def px4_columns(flight: Flight) -> _Columns:
-    """Return the (ticks,) columns of the table, keyed by name."""
+    """Return the (ticks,) columns of the PX4 table of a flight, keyed by name."""
     columns: _Columns = {"timestamp": np.round(_MICROSECONDS_PER_SECOND * flight.time).astype(np.int64)}
     for name, suffix in (("measurement", ""), ("state", "_groundtruth")):
         columns |= _motion_columns(flight, name, suffix)

@@ -78,7 +78,7 @@ def _per_axis(laws: tuple[AxisLaw, AxisLaw, AxisLaw], value: Callable[[AxisLaw],
 
 
 def _pid(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float) -> dict[str, Any]:
-    """Return the fields of a PD or PID."""
+    """Return the scenario fields of a PD or PID controller with the identified gains."""
     has_integral = any(_differs_from_zero(law, "integral") for law in laws)
     accelerations = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
     fields: dict[str, Any] = {
@@ -94,7 +94,7 @@ def _pid(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float) -> dict[st
 
 
 def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float, form: str) -> dict[str, Any]:
-    """Return the fields of a cascade of PIDs."""
+    """Return the scenario fields of a PID cascade with the identified gains."""
     gains = {id(law): _cascade_gains(law, feed_forward) for law in laws}
     position: dict[str, Any] = {"k_p": _per_axis(laws, lambda law: gains[id(law)][0])}
     velocity: dict[str, Any] = {"k_p": _per_axis(laws, lambda law: law.gain("velocity"))}

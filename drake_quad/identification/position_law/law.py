@@ -94,7 +94,7 @@ class AxisLaw:
     at_error_limit: float = 0.0
 
     def gain(self, name: str) -> float:
-        """Return the estimate of a parameter; 0 if it is not identified."""
+        """Return the estimate of the named parameter; 0 if the log does not identify the parameter."""
         return self.gains[name].value if name in self.gains else 0.0
 
 
@@ -193,7 +193,7 @@ def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
 
 
 def _estimates(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, EstimatedValue]:
-    """Return the estimate of each parameter of a law, by name."""
+    """Return the estimates of all parameters of a position law, keyed by name."""
     values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
         name: getattr(fit.shape, name) for name in fit.free
     }

@@ -196,22 +196,22 @@ class Estimates:
 
     @property
     def deviations(self) -> np.ndarray:
-        """Standard deviations (n,) of the errors."""
+        """Standard deviations (n,) of the errors of the n estimates, in the units of the parameters."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlations (n, n) of the errors."""
+        """Correlations (n, n) between the errors of the n estimates."""
         return self.covariance / np.outer(self.deviations, self.deviations)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units (n,) of the values."""
+        """Units (n,) of the n estimated parameters."""
         return tuple(declaration_of(name).unit for name in self.names)
 
     @property
     def variation_known(self) -> np.ndarray:
-        """Mask (n,) of the parameters whose variation is known."""
+        """Mask (n,) of the parameters whose variation between flights is known."""
         known = np.zeros(len(self.names), dtype=bool)
         for each in self._variations:
             known |= np.isfinite(np.diag(each.covariance))

@@ -55,18 +55,18 @@ _SPEED_LIMIT_RATIO = 1.1
 
 
 class _Entry(NamedTuple):
-    """Value in the file, and the comment above it."""
+    """Value in a vehicle file, and the comment above it."""
 
     value: Any
     comment: str = ""
 
     @property
     def mean(self) -> float:
-        """The number, or the mean of the normal distribution."""
+        """The value itself, or its mean if the value is a normal distribution."""
         return float(self.value["normal"]["mean"] if isinstance(self.value, dict) else self.value)
 
     def shifted_to(self, mean: float, comment: str) -> "_Entry":
-        """Return the entry with another mean and an additional comment."""
+        """Return the entry after its mean has been replaced and a comment has been added."""
         rounded = float(f"{mean:.6g}")
         value = {"normal": {**self.value["normal"], "mean": rounded}} if isinstance(self.value, dict) else rounded
         return _Entry(value, "; ".join(filter(None, [self.comment, comment])))
@@ -145,7 +145,7 @@ def nominal_estimates(scenario: Scenario) -> list[str]:
 
 
 def _relative(base: str | Path, folder: Path) -> str:
-    """Return the base scenario as a path relative to the folder of the file, or as the name of a shipped scenario."""
+    """Return the base scenario as a path relative to the new file, or as the name of a shipped scenario."""
     if is_shipped(str(base)):
         file = str(base).partition(":")[0]
         return f"{file}:{Library().find(str(base))[0]}"
@@ -371,7 +371,7 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
 
 
 def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
-    """Complete autopilot and control if an attitude response was estimated that the base scenario lacks.
+    """Add the autopilot and the controller that an estimated attitude response needs, if the base scenario lacks them.
 
     Raises:
         InputError: if only one of natural frequency and damping is estimated.
@@ -403,7 +403,7 @@ def _switch_off_duplicates(vehicle: dict[str, Any]) -> None:
 
 
 def _introduction(estimates: Estimates) -> list[str]:
-    """Return the paragraphs of the comment at the top of the file."""
+    """Return the paragraphs of the comment at the top of a vehicle file."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
     variation_clause = " and its variation among these flights" if estimates.variation_known.any() else ""
     pairs = zip(estimates.names, estimates.variation_known, strict=True)

@@ -92,7 +92,7 @@ class LogComparison:
 
     @property
     def logged_statistics(self) -> ErrorStatistics:
-        """Statistics (4,) of the logged errors."""
+        """Statistics (4,) of the logged position errors, with components in the order of `AXES`."""
         return ErrorStatistics.of(self.logged_error)
 
     def predicted_statistics(self) -> ErrorStatistics:
@@ -108,13 +108,17 @@ class LogComparison:
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
-        """Return a mask (4,) of the error columns for which a statistic of the log is inside the predicted interval."""
+        """Return a mask (4,): True where a statistic of the logged errors is inside the predicted 95 % interval.
+
+        Args:
+            name: field of `ErrorStatistics`. The components of the mask are in the order of `AXES`.
+        """
         _, low, high = self.interval(name)
         logged = getattr(self.logged_statistics, name)
         return np.asarray((logged >= low) & (logged <= high))
 
     def median_sample(self) -> int:
-        """Return the number of the sample with the median RMSE."""
+        """Return the index of the simulated flight with the median RMSE."""
         rmse = self.predicted_statistics().rmse[:, -1]
         return int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
 

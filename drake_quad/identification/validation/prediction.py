@@ -325,7 +325,7 @@ def _open_loop_states(
 
 
 def _starts(record: FlightRecord, num_past: int, horizons: Sequence[float], final_fraction: float) -> np.ndarray:
-    """Return the indices (S,) of the samples at which predictions begin."""
+    """Return the indices (S,) of the logged samples at which predictions begin."""
     flying = airborne_mask(record)
     is_allowed = held_out_mask(flying, final_fraction) if final_fraction < 1.0 and flying.any() else flying
     spacing = max(1, round(START_SPACING / record.period))

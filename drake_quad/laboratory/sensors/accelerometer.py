@@ -75,7 +75,7 @@ def first_accelerometer_memory(
     acceleration: VehicleAcceleration,
     rotor_speed: RotorSpeed | None,
 ) -> InertialMemory:
-    """Return the internal state of the sensor at its first reading."""
+    """Return the internal state of an accelerometer at its first reading."""
     force = specific_force(state, acceleration, parameters.position, parameters.gravity)
     return first_memory(parameters.errors, noise, force, rotor_speed)
 

@@ -47,7 +47,7 @@ def _rates(state: State) -> Vector:
 def first_gyroscope_memory(
     parameters: GyroscopeParameters, noise: InertialNoise | None, state: State, rotor_speed: RotorSpeed | None
 ) -> InertialMemory:
-    """Return the internal state of the sensor at its first reading."""
+    """Return the internal state of a gyroscope at its first reading."""
     return first_memory(parameters.errors, noise, _rates(state), rotor_speed)
 
 

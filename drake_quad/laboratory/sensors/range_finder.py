@@ -17,7 +17,7 @@ from drake_quad.signals import Number, PositionW, Quantity, Row, State
 # Lower bounds of the cosine of the tilt and of the distance (m), which are used as divisors. Readings are missing if
 # the cosine is not above its bound.
 _MIN_COSINE = 1e-3
-MIN_DISTANCE = 1e-3
+MIN_DISTANCE = 1e-3  # m
 
 
 class GroundDistance(NamedTuple):

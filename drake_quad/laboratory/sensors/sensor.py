@@ -306,7 +306,7 @@ class Sensor(FleetSystem):
         fault: FaultKind | None = None,
         parameters: Any,
     ) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         structure = _Structure(law, fault, longest_latency)
 
         def law_parameters(parameters: Any) -> Any:

@@ -95,7 +95,7 @@ class FreeBody(NamedTuple):
         return Vector._make(torque / moment for torque, moment in zip(cross(hub, force), self.inertia, strict=True))
 
     def specific_force(self, hub: Vector, force: Vector, position: Vector) -> Vector:
-        """Return F / m + α × r at the position r of a sensor."""
+        """Return the specific force F / m + α × r at the position r of a sensor, for a force F at a hub."""
         return plus(times(1.0 / self.mass, force), cross(self.angular_acceleration(hub, force), position))
 
 

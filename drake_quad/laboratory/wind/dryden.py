@@ -229,7 +229,7 @@ def next_sample(state: FilterState, noise: FilterState, sampled: SampledTurbulen
 
 
 def _wind(state: FilterState, sampled: SampledTurbulence) -> Wind:
-    """Return the turbulent velocity along the axes of W."""
+    """Return the turbulent velocity along the axes of W, m/s."""
     u, v, w = turbulent_velocity(state, sampled.deviation)
     cos_heading, sin_heading = sampled.cos_heading, sampled.sin_heading
     return Wind(u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w)
@@ -260,7 +260,7 @@ class DrydenTurbulence(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.01, parameters: TurbulenceParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         turbulence = self.parameter("turbulence", lambda parameters: SampledTurbulence.of(parameters, period))
         noise = self.random_input("turbulence_noise", FilterState, RandomDistribution.kGaussian, period=period)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))

@@ -149,7 +149,7 @@ def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ..
 
 
 def _with_turbulence(local: LocalAir, eddies: Eddies) -> Wind:
-    """Return the mean velocity plus the turbulence."""
+    """Return the mean velocity of the jets plus their turbulence, m/s."""
     deviation = sqrt(maximum(local.variance, _MIN_SQUARE))
     return Wind._make(mean + deviation * eddy for mean, eddy in zip(local.mean, eddies, strict=True))
 
@@ -184,7 +184,7 @@ class Fans(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.01, parameters: tuple[Jet, ...]) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         jets, state = self.parameter("jets", lambda jets: jets), self.input("state")
         noise = self.random_input("jet_noise", Eddies, RandomDistribution.kGaussian, period=period)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))

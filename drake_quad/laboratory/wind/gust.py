@@ -62,7 +62,7 @@ class Gust(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.01, parameters: GustParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         gust, wind = self.parameter("gust", lambda gust: gust), self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(gust_wind, gust, TIME, period, writes=[wind])
         self.update(period, gust_wind, gust, TIME, period, writes=[wind])

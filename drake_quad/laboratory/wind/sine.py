@@ -47,7 +47,7 @@ class SineWind(FleetSystem):
     """
 
     def declare(self, *, period: float = 0.01, parameters: SineParameters) -> None:
-        """Declare ports, states and parameters."""
+        """Declare the ports, states and parameters of this system."""
         sine, wind = self.parameter("sine", lambda sine: sine), self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(sine_wind, sine, TIME, period, writes=[wind])
         self.update(period, sine_wind, sine, TIME, period, writes=[wind])

@@ -32,7 +32,7 @@ class SteadyWind(FleetSystem):
     """
 
     def declare(self, *, parameters: Wind) -> None:
-        """Declare ports and parameters."""
+        """Declare the ports and parameters of this system."""
         self.output("wind", identity, self.parameter("velocity", lambda velocity: velocity))
 
 

@@ -120,7 +120,7 @@ def _records(log: LogFile, message_format: Any, offsets: Iterable[int]) -> dict[
 
 
 def _parameters(log: LogFile, formats: dict[str, Any], offsets: dict[str, list[int]]) -> dict[str, float]:
-    """Return the parameters of the vehicle by name."""
+    """Return the autopilot's parameters in an ArduPilot log, keyed by name."""
     records = _records(log, formats["PARM"], offsets["PARM"]) if "PARM" in formats else None
     if records is None or not {"Name", "Value"} <= records.keys():
         return {}

@@ -16,7 +16,7 @@ from drake_quad.logs.mapping import load_mapping
 from drake_quad.logs.source import LogFile
 
 _MAGIC = b"H Product:Blackbox flight data recorder"
-_MICROSECOND = 1e-6
+_MICROSECOND = 1e-6  # s
 # Largest number of frames between two logged frames. The decoder iterates over all frames that are not logged. Reading
 # a log with a damaged interval could therefore take hours.
 _MAX_INTERVAL = 10_000

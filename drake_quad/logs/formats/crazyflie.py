@@ -23,7 +23,7 @@ from drake_quad.logs.formats.log_format import FORMATS, LogContent, LogFormat, N
 from drake_quad.logs.mapping import load_mapping
 from drake_quad.logs.source import LogFile
 
-_FIRST_BYTE = 0xBC
+_FIRST_BYTE = 0xBC  # first byte of every log
 _TYPES = {letter: f"<{letter}" for letter in "bBhHiIqQefd"}
 # Type of the time, and unit of the time in s, by the version of the format.
 _CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
@@ -51,20 +51,20 @@ class _EventType(NamedTuple):
 
 
 class _Header:
-    """Reader of a log header."""
+    """Reader of the header of a Crazyflie's log."""
 
     def __init__(self, log: LogFile) -> None:
         self._log, self.offset = log, 1
 
     def number(self) -> int:
-        """Read a uint16."""
+        """Read a 16-bit unsigned integer from the header."""
         self.offset += 2
         if self.offset > len(self._log.data):
             raise self.truncated()
         return int.from_bytes(self._log.data[self.offset - 2 : self.offset], "little")
 
     def text(self) -> str:
-        """Read a text that ends with a zero byte."""
+        """Read a text that ends with a zero byte from the header."""
         end = self._log.data.find(b"\0", self.offset, self.offset + _MAX_NAME_LENGTH)
         if end < 0:
             if self.offset + _MAX_NAME_LENGTH > len(self._log.data):
@@ -192,7 +192,7 @@ def _truncated(log: LogFile, bounds: list[int], sizes: Mapping[int, int]) -> lis
     if bounds[-1] < len(log.data) or (len(bounds) > 1 and log.written_size <= bounds[-2]):
         while len(bounds) > 1 and bounds[-1] > log.written_size:
             bounds.pop()
-    # If at most the checksum follows the last record, no record is unread, even if the log is damaged.
+    # If nothing or only the checksum follows the last record, all records have been read, even if the log is damaged.
     return _unread_remarks(log, bounds[-1], sizes) if len(log.data) - bounds[-1] not in (0, _CHECKSUM_SIZE) else []
 
 

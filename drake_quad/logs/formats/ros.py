@@ -22,7 +22,7 @@ from drake_quad.logs.formats.log_format import FORMATS, LogContent, LogFormat, N
 from drake_quad.logs.mapping import load_mapping
 from drake_quad.logs.source import LogFile, exception_clause
 
-_NANOSECOND = 1e-9
+_NANOSECOND = 1e-9  # s
 # If a stamp differs from the time of recording by more than this, in s, it comes from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
 # Name of a field, or index of an item, in a path such as `covariance[0].x`.
@@ -185,7 +185,7 @@ class _Decoder:
         self._stores: dict[str, Any] = {}
 
     def __call__(self, data: bytes, type_name: str) -> Any:
-        """Return a message of a type."""
+        """Deserialise a message of a given type."""
         type_name = _full(type_name)
         if type_name not in self._stores:
             stores, known = self._typesys.Stores, type_name in self._definitions

@@ -62,7 +62,7 @@ def read_table(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
 
 def _text(log: LogFile) -> tuple[str, list[str]]:
-    """Return the lines before the first byte that is not text, and a remark on the rest of the file, if any."""
+    """Return the lines of a log before its first byte that is not text, and a remark on unread bytes, if any."""
     data = log.data
     if len(data) > MAX_BYTES:
         raise InputError(f"{log.mark}: is too large: a CSV file may have at most {MAX_BYTES:,} bytes")

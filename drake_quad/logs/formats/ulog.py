@@ -27,7 +27,7 @@ from drake_quad.logs.source import LogFile
 from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
-_MICROSECOND = 1e-6
+_MICROSECOND = 1e-6  # s
 # Pairs (is in front, is on the right) of the rotors, clockwise from the front right rotor.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
 # Largest number of fields in a topic, where each item of an array counts. All topics of PX4 have fewer.

@@ -39,5 +39,5 @@ class IndiAttitude(AttitudeControllerSettings):
         return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, parameters)
 
     def without_estimator(self) -> AttitudeControllerSettings:
-        """Return the PD controller without an estimate of the angular acceleration."""
+        """Return the PD controller that remains without the estimate of the angular acceleration."""
         return PdAttitude(k_p=self.k_p, k_d=self.k_d)

@@ -96,7 +96,7 @@ class CascadeControl(Control):
         return self.position.is_user_system
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of thrust vectoring."""
+        """Return the limits of tilt and thrust that thrust vectoring obeys."""
         return self.thrust_vectoring
 
     def cascade(self) -> "CascadeControl":
@@ -104,7 +104,7 @@ class CascadeControl(Control):
         return self
 
     def parts(self) -> list[str]:
-        """Return the kinds of the controllers and of the network."""
+        """Return the kinds of the cascade's controllers and of its network."""
         network = [] if self.network is None else [f"{self.network.kind} network"]
         attitude = [] if self.attitude is None else [f"attitude {self.attitude.kind}"]
         return [self.position.kind, *network, *attitude]

@@ -46,7 +46,7 @@ class Control(Model):
 
     @abstractmethod
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of tilt and thrust."""
+        """Return the limits of tilt and thrust that the control obeys."""
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the control does not fit the other parts of its `Scenario`."""

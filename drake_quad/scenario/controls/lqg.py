@@ -265,7 +265,7 @@ class LqgControl(Control):
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of tilt and thrust."""
+        """Return the limits of tilt and thrust that the regulator obeys."""
         return ThrustVectoringSettings.model_construct(
             max_tilt=self.max_tilt, min_thrust=self.min_thrust, max_thrust=self.max_thrust
         )

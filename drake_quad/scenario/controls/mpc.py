@@ -41,7 +41,7 @@ class _Corridor(Model):
 
     @abstractmethod
     def walls(self) -> constraints.Corridor:
-        """Return the walls as constraints of the quadratic programme."""
+        """Return the walls of the corridor as constraints of the quadratic programme."""
 
 
 class Tube(_Corridor):

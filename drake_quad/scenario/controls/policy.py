@@ -118,11 +118,11 @@ class PolicyControl(Control):
         return self.observation.spec().sensor_signals
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of thrust vectoring."""
+        """Return the limits of tilt and thrust that thrust vectoring obeys."""
         return self.thrust_vectoring
 
     def commands_rates_only(self) -> bool:
-        """Return whether the actions are body rates."""
+        """Return whether the actions of the policy command body rates."""
         return self.action.commands == "rates"
 
     def preview_times(self) -> tuple[float, ...]:
@@ -130,7 +130,7 @@ class PolicyControl(Control):
         return self.observation.ahead
 
     def policy_rows(self) -> dict[str, int]:
-        """Return the number of elements of `observation` and `action`."""
+        """Return the numbers of elements of the signals `observation` and `action`."""
         rows = self.action.num_rows
         return {"observation": self.observation.num_rows(rows), "action": rows}
 

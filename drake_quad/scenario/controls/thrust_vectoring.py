@@ -20,7 +20,7 @@ MaxThrust = Annotated[Number, bounds(gt=1.0), not_in_percent(upper=30.0)]
 
 
 class ThrustVectoringSettings(Model):
-    """Limits on the tilt and the thrust that thrust vectoring, eq (7), may command."""
+    """Limits on the tilt and the thrust that thrust vectoring, eq (7) of the paper, may command."""
 
     max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and the vertical (rad)")
     min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")

@@ -31,7 +31,7 @@ class BodyDragEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def symmetric(self) -> VehicleEffect:
-        """Return the same drag, acting at the centre of mass."""
+        """Return a drag with equal coefficients that acts at the centre of mass."""
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
     def max_damping(self, vehicle: Any, airspeed: Row) -> Row:

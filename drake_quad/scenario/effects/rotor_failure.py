@@ -36,7 +36,7 @@ class RotorFailureEffect(VehicleEffect):
         return RotorFaults(failure_time=self.time, failure_factor=SpeedFactors._make(factors))
 
     def event_times(self) -> tuple[Row, ...]:
-        """Return the time of the failure, s."""
+        """Return the time of the rotor failure, s."""
         return (self.time,)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:

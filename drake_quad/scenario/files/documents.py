@@ -98,7 +98,7 @@ class _Reader:
         self._anchors: dict[str, _Anchored] = {}
 
     def document(self) -> Document:
-        """Return the only document of the text."""
+        """Return the single YAML document in the text that was passed to the constructor."""
         tree = Tree(None, Mark(self._source, 0))
         for event in self._events:
             if isinstance(event, yaml.DocumentStartEvent):

@@ -17,7 +17,7 @@ from drake_quad.space.simplification import simplified_hull
 _MAX_MESH_BYTES = 50_000_000  # limits the time to read a file
 # Header of a binary .stl file: 80 bytes, then the number of triangles. Each triangle has 12 numbers and 2 more bytes.
 _STL_HEADER_BYTES = 84
-_STL_COUNT = slice(80, _STL_HEADER_BYTES)
+_STL_COUNT = slice(80, _STL_HEADER_BYTES)  # bytes with the number of triangles
 _ROBOT_MESSAGE = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element"
 _CONVERSION_MESSAGE = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
 # Error messages for other common formats, by file suffix.
@@ -44,6 +44,7 @@ _ERRORS_BY_XML_ELEMENT = {
     b"<collada": _ERRORS_BY_SUFFIX[".dae"],
 }
 _NUM_SEARCHED_BYTES = 2_000  # enough to find the root element after an XML declaration and comments
+# Layout of a triangle in a binary .stl file.
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -59,28 +60,28 @@ def mesh_points(path: Path) -> Tree:
         InputError: if the file cannot be read, has another format, contains a flat mesh, or has a hull that cannot be
             simplified.
     """
-    mark = Mark(str(path), 0)
+    file_mark = Mark(str(path), 0)
     suffix = path.suffix.lower()
     read = {".obj": _obj_vertices, ".stl": _stl_vertices}.get(suffix)
     if read is None:
-        flaw = _ERRORS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
-        raise InputError(f"{mark}: {flaw}")
+        fault = _ERRORS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
+        raise InputError(f"{file_mark}: {fault}")
     data = read_bytes(path, _MAX_MESH_BYTES, f"a mesh may have at most {_MAX_MESH_BYTES:,} bytes")
-    if flaw := _other_format_error(data[:_NUM_SEARCHED_BYTES].lower()):
-        raise InputError(f"{mark}: {flaw}")
+    if fault := _other_format_error(data[:_NUM_SEARCHED_BYTES].lower()):
+        raise InputError(f"{file_mark}: {fault}")
     try:
         points = read(data)
     except (ValueError, IndexError):
         points = np.empty((0, 3))
     if not points.size:
-        raise InputError(f"{mark}: is incomplete, or not a mesh of the format that its file name implies")
+        raise InputError(f"{file_mark}: is incomplete, or not a mesh of the format that its file name implies")
     try:
         hull = simplified_hull(points, MAX_CORNERS)
     except InputError as error:
-        raise InputError(f"{mark}: {error}") from None
+        raise InputError(f"{file_mark}: {error}") from None
     if hull.is_simpler:
-        warnings.warn(f"{mark}: {hull}", InputWarning, stacklevel=2)
-    return Tree.of(hull.corners.tolist(), mark)
+        warnings.warn(f"{file_mark}: {hull}", InputWarning, stacklevel=2)
+    return Tree.of(hull.corners.tolist(), file_mark)
 
 
 def _other_format_error(beginning: bytes) -> str:

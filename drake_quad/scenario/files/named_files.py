@@ -83,6 +83,6 @@ def _named_file(tree: Tree, path: str) -> tuple[Path, *tuple[str, ...]]:
     else:
         file, outputs = folder / tree.value, []
     if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises an error if a name is too long
-        flaw = "is not a file" if os.path.exists(file) else "does not exist"  # noqa: PTH110 - as above
-        raise InputError(f"{tree.mark}: {path} names {Mark(str(file), 0)}, which {flaw}")
+        reason = "is not a file" if os.path.exists(file) else "does not exist"  # noqa: PTH110 - as above
+        raise InputError(f"{tree.mark}: {path} refers to {Mark(str(file), 0)}, which {reason}")
     return (file, *outputs)

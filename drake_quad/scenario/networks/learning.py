@@ -27,7 +27,7 @@ class _Learning(Model):
         """Return the law as a named tuple of `drake_quad.control.fuzzy.laws`."""
 
     def can_change_weights(self) -> bool:
-        """Return whether any weight can become nonzero."""
+        """Return whether any weight of the network can become nonzero."""
         return True
 
     def parameters(self) -> LearningParameters:
@@ -43,7 +43,7 @@ class _Learning(Model):
 
 
 class _LearningFromEither(_Learning):
-    """Fields of the laws that learn either from s_p of eq (15) or from the feedback command."""
+    """Fields of the laws that learn either from s_p of eq (15) of the paper or from the feedback command."""
 
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
@@ -73,7 +73,7 @@ class CovarianceLearning(_LearningFromEither):
     )
 
     def law(self) -> CovarianceLaw:
-        """Return the law of eqs (15) to (17)."""
+        """Return the learning law of eqs (15) to (17) of the paper."""
         return CovarianceLaw(self.gain, self.initial_covariance, self.forgetting)
 
 
@@ -89,7 +89,7 @@ class GradientLearning(_LearningFromEither):
         return can_have_effect((self.rate, self.initial_weight))
 
     def law(self) -> GradientLaw:
-        """Return the law with a constant covariance."""
+        """Return the learning law with a constant covariance."""
         return GradientLaw(self.rate)
 
 

@@ -21,7 +21,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 @POSITION_CONTROLLERS.register
 class PdPosition(PositionController):
-    """PD controller of the position error, eq (8)."""
+    """PD controller of the position error, eq (8) of the paper."""
 
     kind: Literal["pd"]
     k_p: Gains = Field(description="proportional gain k_P on X, Y, Z (1/s²)")

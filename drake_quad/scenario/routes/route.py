@@ -56,7 +56,7 @@ class MissionRoute(Model):
         return ("route",), None
 
     def limits(self) -> PathLimits:
-        """Return the limits of the path."""
+        """Return the limits of speed and acceleration of the planned path."""
         return PathLimits()
 
     @abstractmethod
@@ -94,7 +94,7 @@ class MovingRoute(MissionRoute):
     )
 
     def limits(self) -> PathLimits:
-        """Return the limits of the path."""
+        """Return the limits of speed and acceleration of the planned path."""
         # A subclass may allow None, which means that there is no limit.
         specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})

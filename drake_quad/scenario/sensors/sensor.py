@@ -52,13 +52,13 @@ class SensorSettings(AidingSensor, Model):
         return self.model_copy(update={"fault": None, **self.nonlinear})
 
     def without_noise(self) -> "SensorSettings":
-        """Return the sensor without noise."""
+        """Return a copy of the sensor without noise."""
         zeros = {name: (0.0,) * len(v) if isinstance(v := getattr(self, name), tuple) else 0.0 for name in self.noise}
         return self.model_copy(update=zeros)
 
     @property
     def latency(self) -> Any:
-        """Delay from a reading to its arrival, in whole periods."""
+        """Delay from a reading to its arrival, in whole sensor periods."""
         return self.latency_samples
 
     @abstractmethod

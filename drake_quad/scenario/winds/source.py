@@ -49,7 +49,7 @@ class WindSource(Model):
         return Wind(0.0, 0.0, 0.0)
 
     def jets(self) -> tuple[Jet, ...]:
-        """Return the free jets of the source; only fans have any."""
+        """Return the free jets of the wind source; only fans have any."""
         return ()
 
     @abstractmethod
@@ -58,7 +58,7 @@ class WindSource(Model):
 
     @abstractmethod
     def without_turbulence(self) -> "WindSource | None":
-        """Return the source without its random part; None if nothing remains."""
+        """Return the wind source without its random part; None if no wind remains."""
 
     @abstractmethod
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
@@ -122,7 +122,7 @@ class BlowingSource(WindSource):
         return speed(self.full_velocity())
 
     def without_turbulence(self) -> WindSource | None:
-        """Return the source itself, which has no random part."""
+        """Return the wind source itself, which has no random part."""
         return self
 
 

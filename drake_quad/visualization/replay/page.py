@@ -35,7 +35,9 @@ from drake_quad.visualization.replay.shapes import (
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 FRAMES_PER_SECOND = 30.0
+"""Frames per second of the animation of a few flights."""
 SWARM_FRAMES_PER_SECOND = 10.0
+"""Frames per second of the animation of a swarm."""
 _BODY_COLORS = (BLACK, VERMILION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 _RED = "#CC0000"
 

@@ -219,7 +219,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
 
 
 def draw_solid(meshcat: Meshcat, path: str, shape: Shape) -> None:
-    """Draw an obstacle."""
+    """Draw an obstacle in Meshcat."""
     corners = shape.triangles().reshape(-1, 3)
     meshcat.SetTriangleMesh(path, corners.T, np.arange(len(corners)).reshape(-1, 3).T, rgba("0.6"))
 

@@ -36,7 +36,7 @@ FUZZY_SETS_OF_INPUTS = (
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
     CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
-INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=FUZZY_SETS_OF_INPUTS)
+INITIAL_ANTECEDENTS = Antecedents(a1=1.4, a2=0.6, q=0.3, inputs=FUZZY_SETS_OF_INPUTS)  # before learning
 
 
 def with_change(antecedents, index, change):

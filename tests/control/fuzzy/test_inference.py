@@ -39,7 +39,7 @@ def fuzzy_sets(draw):
 
 
 def pyit2fls_network(antecedents, weights):
-    """Return the same network in pyit2fls."""
+    """Return a network of the library pyit2fls with the same antecedents and weights."""
     import pyit2fls  # The import takes two seconds.
 
     network = pyit2fls.IT2TSK(pyit2fls.product_t_norm, pyit2fls.probabilistic_sum_s_norm)

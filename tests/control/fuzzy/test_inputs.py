@@ -77,7 +77,7 @@ def test_the_phase_has_a_derivative_with_respect_to_time():
 
 @pytest.mark.long
 def test_a_network_with_phase_input_flies_equally_compiled_and_uncompiled(diagrams):
-    """A lap takes a third of a second, and each set learns only in its part of the lap."""
+    """A lap takes a third of a second. The weights of each fuzzy set of the phase learn only in its part of the lap."""
     scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal",
         [

@@ -15,7 +15,7 @@ TICK = 0.02  # s, period of a learning step
 
 
 class Learner:
-    """System that learns on X from a given signal, with the same law for n vehicles."""
+    """System of n vehicles that learn on X, with the same law, from given firing strengths and a given signal."""
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=TICK):
         # The learning signal s_p is the rate of the error, since the slope λ is zero.
@@ -48,7 +48,7 @@ class Learner:
 
     @property
     def weights(self):
-        """Return random weights of R rules for n vehicles, (R, n)."""
+        """Return the current weights (R, n) of the R rules for n vehicles."""
         (rows,) = self.system.get_state(self.context, "weights")
         return np.reshape(rows, (-1, self.n))
 

@@ -54,7 +54,7 @@ def simulated(network, inputs, ticks, num_vehicles=1):
 
 
 def smooth_inputs(rng, num_vehicles):
-    """Return random trajectories of all inputs that pass through all sets."""
+    """Return random trajectories of all network inputs, which pass through all fuzzy sets."""
     times = np.linspace(0.0, 2.0, 9)
     names = ("error", "error_rate", "pd", "disturbance")
     return {

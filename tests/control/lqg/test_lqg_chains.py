@@ -33,12 +33,12 @@ MODELS = {
     "autopilot and `lag`": lagging_attitude_model(AUTOPILOT_RESPONSE, ROTOR_LAG, LATERAL_DISTURBANCES),
     "height": vertical_model(ROTOR_LAG, VERTICAL_DISTURBANCES),
 }
-# Field of a chain for each symbol in the page's equations.
+# Field of a chain for each symbol in the equations of `controllers_lqg.md`.
 FIELD_NAMES = {
     "p": "position", "v": "velocity", "s": "thrust", "j": "jerk", "a": "snap",
     "d_1": "first", "d_2": "second", "e": "second_rate", "δ": "bias",
 }  # fmt: skip
-# Values of the constants in the page's equations.
+# Values of the constants in the equations of `controllers_lqg.md`: time constants in s, and ω in rad/s.
 SYMBOL_VALUES = {
     "T": ROTOR_LAG, "ω": AUTOPILOT_RESPONSE.natural_frequency, "ζ": AUTOPILOT_RESPONSE.damping,
     "T_1": LATERAL_DISTURBANCES.first.time, "T_2": LATERAL_DISTURBANCES.second.time,
@@ -47,7 +47,7 @@ SYMBOL_VALUES = {
 
 
 def page_equations():
-    """Return the right-hand sides of the page's equations as Python, keyed by chain and state."""
+    """Return the right-hand sides of the equations in `controllers_lqg.md` as Python, keyed by chain and state."""
     page = PAGE.read_text(encoding="utf-8")
     equations = {}
     for line in re.findall(r"^    (\S.*' = .*)$", page[: page.index("The attitude determines")], re.MULTILINE):
@@ -59,7 +59,7 @@ def page_equations():
 
 
 def python_of(text):
-    """Return a formula of the page as Python, with names for subscripts and explicit products."""
+    """Return a formula of `controllers_lqg.md` as Python, with names for subscripts and explicit products."""
     for symbol, name in (("₁", "_1"), ("₂", "_2"), ("²", " ** 2")):
         text = text.replace(symbol, name)
     return re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", text)

@@ -38,8 +38,8 @@ MEASUREMENT = State(
 REFERENCE = Reference(
     x=0.35, y=-0.5, z=1.2, v_x=0.2, v_y=0.3, v_z=-0.1, a_x=0.4, a_y=-0.6, a_z=0.5, yaw=0.7, yaw_rate=0.2
 )
-JERK = Jerk(0.3, -0.5, 0.7)
-SNAP = Snap(1.1, -1.7, 0.9, 0.6)
+JERK = Jerk(0.3, -0.5, 0.7)  # m/s³
+SNAP = Snap(1.1, -1.7, 0.9, 0.6)  # m/s⁴
 
 
 def random_chain(kind, scale=0.1):
@@ -58,7 +58,7 @@ def sent_commands(delay, snap):
 
 
 def rotation(state):
-    """Return the rotation matrix of eq (1), as a product."""
+    """Return the rotation matrix of eq (1) of the paper, as a product of rotations about the three axes."""
     (c_r, s_r), (c_p, s_p), (c_y, s_y) = ((math.cos(a), math.sin(a)) for a in (state.roll, state.pitch, state.yaw))
     return (
         np.array([[c_y, -s_y, 0], [s_y, c_y, 0], [0, 0, 1]])
@@ -259,7 +259,7 @@ def vehicle_on_path(kind):
 
 
 def undisturbed_output(x, y, z):
-    """Return the regulator's output for given commands without disturbances."""
+    """Return the regulator's output for commands along x, y and z if there are no disturbances."""
     command = ChainCommands(x, y, z)
     return RegulatorOutput(command, command, Acceleration(x, y, z), NOMINAL_THRUST.gravity + REFERENCE.a_z)
 

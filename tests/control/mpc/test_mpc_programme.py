@@ -28,12 +28,12 @@ from drake_quad.control.mpc.programme import Programme
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Jerk, Reference, Snap
 
-TIMING = Timing(frame=0.01, tick=0.02, delay_ticks=2)
+TIMING = Timing(frame=0.01, tick=0.02, delay_ticks=2)  # periods of camera frames and ticks in s
 NUM_TICKS = 7  # ticks of the horizon
 NUM_INSTANTS = 12  # times in the preview
 HORIZON_START = 3  # index of the preview time at which the horizon begins
 COMMAND_WEIGHTS = {"lateral": 2e-6, "vertical": 3e-4}  # weights of the squared commands
-AUTOPILOT_COMMAND_WEIGHT = 2e-3
+AUTOPILOT_COMMAND_WEIGHT = 2e-3  # weight of the squared attitude command
 THRUST_PARAMETERS = ThrustParameters(
     mass=0.7, gravity=9.8, tan_max_tilt=np.tan(0.1), min_thrust=4.0, max_thrust=7.2, lead=0.07
 )
@@ -77,7 +77,7 @@ def lateral_weight(kind):
 
 
 class ExplicitAxis:
-    """One axis, simulated tick by tick, with the cost-to-go after the horizon."""
+    """Model of one axis that is simulated tick by tick, with the cost-to-go after the horizon."""
 
     def __init__(self, model, command_weight):
         self.A, B = augment_with_delay(*discretise(model.A, model.B, TIMING.tick), TIMING.delay_ticks)

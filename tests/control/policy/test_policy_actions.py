@@ -20,7 +20,7 @@ from drake_quad.control.policy.actions import (
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import BodyRates, Reference, State, Wrench
 
-THRUST_RANGE = ThrustRange(min_thrust=2.0, max_thrust=12.0)
+THRUST_RANGE = ThrustRange(min_thrust=2.0, max_thrust=12.0)  # N
 RATES_SCALE = RatesScale(
     thrust=THRUST_RANGE,
     rates=BodyRates(5.0, 4.0, 2.0),
@@ -29,11 +29,12 @@ RATES_SCALE = RatesScale(
     i_yy=0.007,
     i_zz=0.011,
 )
-REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
+REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)  # at rest at the origin with a yaw of 0.3 rad
+# Two actions with the same effect: the second one is saturated to the limit 1 of each of its four components.
 SATURATED_ACTIONS = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
 
 
-ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)
+ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)  # m/s² along x, y and z
 
 
 def test_an_acceleration_action_is_scaled_axis_by_axis():

@@ -21,10 +21,10 @@ REFERENCE = Reference(
     x=0.5, y=0.1, z=1.4, v_x=0.2, v_y=-0.1, v_z=0.3, a_x=0.11, a_y=0.12, a_z=0.13, yaw=0.9, yaw_rate=0.05
 )
 REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)  # m, two future reference positions
-ROTOR_SPEEDS = RotorSpeed(100.0, 110.0, 120.0, 130.0)
-WIND = Wind(1.0, 2.0, -3.0)
+ROTOR_SPEEDS = RotorSpeed(100.0, 110.0, 120.0, 130.0)  # rad/s
+WIND = Wind(1.0, 2.0, -3.0)  # m/s
 ACTION = (0.1, -0.2, 0.3)
-BODY_ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
+BODY_ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()  # rotation from B to W
 
 
 def observed_signal(name, frame="world", turn=0.0):

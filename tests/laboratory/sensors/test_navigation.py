@@ -17,7 +17,7 @@ from drake_quad.scenario.quantities import any_nonzero
 from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.signals import RotorSpeed, State, Wind
 
-HOVER = State(0.0, 0.0, 1.5, *(0.0,) * 9)
+HOVER = State(0.0, 0.0, 1.5, *(0.0,) * 9)  # at rest at a height of 1.5 m
 
 
 def parameters_of(kind, **settings):
@@ -29,7 +29,7 @@ def parameters_of(kind, **settings):
 
 
 def rotation(state):
-    """Return the rotation R_WB of a state."""
+    """Return the rotation from B to W at the attitude of a state."""
     return scipy.spatial.transform.Rotation.from_euler("ZYX", [state.yaw, state.pitch, state.roll])
 
 

@@ -26,7 +26,7 @@ from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.scenario.sensors.gyroscope import GyroscopeSettings
 from drake_quad.signals import SIGNALS, Number, Quantity, Valid
 
-PERIOD = 0.1
+PERIOD = 0.1  # s, sensor period
 FAILED = FaultKind(is_reported=True, is_random=False)
 FROZEN = FaultKind(is_reported=False, is_random=False)
 DROPOUT = FaultKind(is_reported=True, is_random=True)
@@ -39,13 +39,13 @@ class Clock(NamedTuple):
 
 
 class ClockParameters(NamedTuple):
-    """Parameters of a clock."""
+    """Parameters of a sensor that measures the time."""
 
     latency_samples: Number = 0.0
 
 
 class Count(NamedTuple):
-    """Number of readings so far."""
+    """Internal state of a sensor that counts its readings."""
 
     number: Number
 

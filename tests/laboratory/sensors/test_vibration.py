@@ -18,13 +18,15 @@ from drake_quad.signals import RotorSpeed, State, VehicleAcceleration
 AT_REST = State(*(0.0,) * 12)
 # A vehicle in free fall, so that the accelerometer measures nothing but the vibration.
 FALLING = VehicleAcceleration(0.0, 0.0, -9.81, 0.0, 0.0, 0.0)
+# Settings of the vibration: unbalance of each rotor in kg m, thrust harmonics relative to the thrust, phases in rad.
 VIBRATION = {
     "unbalance": [1e-6, 2e-6, 3e-6, 4e-6],
     "thrust_harmonics": [0.0, 0.02],
     "initial_phases": [0.1, 0.2, 0.3, 0.4],
 }
 CENTRE = [0.01, -0.02, 0.0]  # centre of mass of the vehicle, m
-LAWS = {"accelerometer": (AccelerometerSettings, ACCELEROMETER), "gyroscope": (GyroscopeSettings, GYROSCOPE)}
+# Settings and sensor law of each type of sensor.
+SENSOR_TYPES = {"accelerometer": (AccelerometerSettings, ACCELEROMETER), "gyroscope": (GyroscopeSettings, GYROSCOPE)}
 
 
 def vehicle():
@@ -44,7 +46,7 @@ def readings(kind, speeds, num_readings, vibration=VIBRATION, *, period, **setti
         period: time between readings, s.
         settings: further settings of the sensor.
     """
-    model, law = LAWS[kind]
+    model, law = SENSOR_TYPES[kind]
     sensor = model.model_validate({"kind": kind, "vibration": vibration, **settings})
     names = ["vibration", *(["bandwidth"] if "bandwidth" in settings else [])]
     parameters = with_errors(sensor.parameters(vehicle()), names)
@@ -124,7 +126,7 @@ def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_ma
     np.testing.assert_allclose(measured[:, 2], 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", LAWS)
+@pytest.mark.parametrize("kind", SENSOR_TYPES)
 def test_the_filtered_vibration_agrees_with_a_filter_in_continuous_time(kind):
     """`scipy.signal.lsim` filters a densely sampled vibration. The first 8 time constants, a transient, are ignored."""
     period, speeds, bandwidth = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0), 800.0

@@ -31,7 +31,7 @@ NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, air
 
 
 def matrices(turbulence, period):
-    """Return A, B and C of the whole filter, from the steps and outputs for unit vectors."""
+    """Return the matrices A, B and C of the turbulence filter, from its steps and outputs for unit vectors."""
     sampled = SampledTurbulence.of(TurbulenceParameters(turbulence), period)
     unit_states, zero_state = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
     A = np.column_stack([next_filter_state(column, zero_state, sampled) for column in unit_states])

@@ -18,7 +18,7 @@ from drake_quad.signals import State
 
 D = 0.75  # diameter of the outlet, m
 Q = 2.5  # flow, m³/s
-JET_DIRECTION = (0.0, 0.6, 0.8)
+JET_DIRECTION = (0.0, 0.6, 0.8)  # unit vector in W
 JET = Jet.of_fan(outlet=Outlet(1.0, 2.0, 3.0), direction=Direction(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
 
 
