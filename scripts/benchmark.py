@@ -84,6 +84,7 @@ def main() -> None:
     print_plain_python(repetitions)
     print_rules(repetitions)
     print_controllers(repetitions)
+    print_estimators(repetitions)
     print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
@@ -192,6 +193,22 @@ def print_rules(repetitions: int) -> None:
     }
     for row, name in enumerate(scenarios):
         print(f"| {name} | {' | '.join(speed_text(costs[size][row], size) for size in sizes)} |", flush=True)
+
+
+def print_estimators(repetitions: int) -> None:
+    """Print the simulation speed of compiled fleets with sensors and a state estimator on board."""
+    print("\n| state estimation, inertial sensors at 400 Hz, vehicle-seconds per second | one vehicle | 1,024 |")
+    print("|---|---|---|")
+    names = ("indoor_flow", "outdoor_gnss", "warehouse_uwb")
+    scenarios = {name: load_scenario(_DIAGRAMS / f"{name}.yaml") for name in ("onboard", *names)}
+    sizes = (1, 1024)
+    costs = {
+        size: interleaved([Stepper(each, size, compiled=True) for each in scenarios.values()], repetitions)
+        for size in sizes
+    }
+    for row, name in enumerate(scenarios):
+        label = f"`{name}`" if row else f"`{name}`, motion capture and no sensors"
+        print(f"| {label} | {' | '.join(speed_text(costs[size][row], size) for size in sizes)} |", flush=True)
 
 
 def with_rules(sets: int) -> Scenario:

@@ -99,7 +99,7 @@ class ClockedFleet:
         instants = program.num_instants(tick)
         loop, shared = program.tick_loop(instants, ports, monitor)
         self.num_vehicles, self._loop, self._max_clock = program.num_vehicles, loop, num_ticks
-        self._table = program.table(shared, program.times(0, instants, num_ticks + 1))
+        self._table = program.table(shared, program.times(np.arange(num_ticks + 1), instants))
         self._output_rows, self._state_rows = self._log_rows(outputs, monitor)
         self._all_clocks = loop.clocks.reshape(-1)
         self.clocks = self._all_clocks[: self.num_vehicles]

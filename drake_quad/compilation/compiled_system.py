@@ -85,7 +85,7 @@ class CompiledSystem(LeafSystem):
         if events is None:
             self._declare_instants()
         else:
-            ticks_per_event = ticks if len(events) == 1 and is_alone and ticks is not None else 1
+            ticks_per_event = ticks if is_alone and ticks is not None else 1
             self._declare_multi_instant_events(events, ticks_per_event)
         self._first = program.event_at(None)
         if self._first is not None:
@@ -167,14 +167,14 @@ class CompiledSystem(LeafSystem):
             instant = round(context.get_time() / program.base)
             event = discrete[instant % program.cycle]
             if event is not None:
-                self._advance(event, context, values.get_mutable_value(self._state), instant, 1)
+                self._advance(event, context, values.get_mutable_value(self._state), instant, stride=program.cycle)
 
         def step(context: Context, state: Any) -> None:
             instant = round(context.get_time() / program.base)
             event = unrestricted[instant % program.cycle]
             if event is not None and (instant or starts):
                 numbers = state.get_mutable_discrete_state(self._state).get_mutable_value()
-                self._advance(event, context, numbers, instant, 1)
+                self._advance(event, context, numbers, instant, stride=program.cycle)
 
         if any(unrestricted):
             self.DeclarePeriodicUnrestrictedUpdateEvent(program.base, 0.0, step)
@@ -185,8 +185,7 @@ class CompiledSystem(LeafSystem):
 
         Args:
             events: consecutive events, which are repeated periodically.
-            ticks: number of ticks that one event of Drake's simulator simulates. If it is larger than 1, `events` has
-                one element, which simulates one tick.
+            ticks: number of consecutive events that one event of Drake's simulator simulates.
         """
         instants = events[0].instants
         period = instants * self.program.base
@@ -199,7 +198,12 @@ class CompiledSystem(LeafSystem):
                     count -= 1
             if count:
                 numbers = values.get_mutable_value(self._state)
-                self._advance(events[first % len(events)], context, numbers, first, count)
+                if len(events) == 1:
+                    self._advance(events[0], context, numbers, first, count)
+                else:
+                    for number in range(first, first + count):
+                        event = events[number % len(events)]
+                        self._advance(event, context, numbers, number, stride=len(events))
 
         def check(context: Context, values: Any) -> None:
             begin = context.get_time() / (period * ticks)
@@ -215,26 +219,40 @@ class CompiledSystem(LeafSystem):
     def _initialize(self, context: Context, values: Any) -> None:
         self._run_now(self._first, context, values.get_mutable_value(self._state))
 
-    def _advance(self, event: Event, context: Context, state: np.ndarray, first: int, count: int) -> None:
-        """Run `count` consecutive events; `first` is the number of the first event, counted from time zero."""
-        log = self._run(event, context, state, self._table(event, first, count))
+    def _advance(
+        self, event: Event, context: Context, state: np.ndarray, first: int, count: int = 1, *, stride: int = 1
+    ) -> None:
+        """Run `count` consecutive events.
+
+        Args:
+            event: event, which recurs in every `stride`-th place; `stride` is 1 if several events are run.
+            context: context of this system.
+            state: state, which is changed.
+            first: number of the first event, counted from time zero.
+            count: number of events.
+            stride: number of different events that take turns.
+        """
+        log = self._run(event, context, state, self._table(event, first, count, stride))
         if event.loop.num_logged:
             parts = context.get_abstract_parameter(self._log).get_value().parts
             if first == 0:
                 parts.clear()
             parts.append(log)
 
-    def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """Return the table rows of `count` consecutive events: the values that all vehicles share.
+    def _table(self, event: Event, first: int, count: int = 1, stride: int = 1) -> np.ndarray:
+        """Return the table rows of `count` events: the values that all vehicles share; see `_advance`.
 
-        The rows are cached, and are computed for `_EVENTS_PER_TABLE` events at once if a single event is requested.
+        The rows are cached. If a single event is requested, those of its next recurrences are computed as well,
+        `_EVENTS_PER_TABLE` in total.
         """
-        begin, size = (first - first % _EVENTS_PER_TABLE, _EVENTS_PER_TABLE) if count == 1 else (first, count)
+        place, offset = divmod(first, stride)
+        begin, size = (place - place % _EVENTS_PER_TABLE, _EVENTS_PER_TABLE) if count == 1 else (place, count)
 
         def make() -> np.ndarray:
-            return self.program.table(event.shared, self.program.times(begin, event.instants, size))
+            numbers = stride * (begin + np.arange(size)) + offset
+            return self.program.table(event.shared, self.program.times(numbers, event.instants))
 
-        return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
+        return self._tables.get((id(event), stride, begin, size), make)[place - begin : place - begin + count]
 
     def _run_now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Run an event of the compiled diagram at the time of the context, and return the values that it logs."""
@@ -285,7 +303,7 @@ class CompiledSystem(LeafSystem):
         """Return the shared values at a time (s); they are cached if the time is an instant of the diagram."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
-            return self._table(event, instant, 1)[0]
+            return self._table(event, instant)[0]
         return self.program.table(event.shared, np.full((1, event.instants + 1), time))[0]
 
 

@@ -286,9 +286,14 @@ class Program:
         )
         return loop, shared
 
-    def times(self, first: int, instants: int, count: int) -> np.ndarray:
-        """Return the times of all instants of `count` consecutive events, an array (count, instants + 1), s."""
-        begins = instants * (first + np.arange(count))
+    def times(self, events: np.ndarray, instants: int) -> np.ndarray:
+        """Return the times of all instants of events, an array (events, instants + 1), s.
+
+        Args:
+            events: numbers of the events, counted from time zero.
+            instants: number of instants of each event.
+        """
+        begins = instants * events
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
 

@@ -135,13 +135,17 @@ def test_every_type_of_declaration_can_be_compiled(n, structure):
     assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, n, **structure)))
 
 
+@pytest.mark.parametrize("tick", [None, 0.02, 0.01])
 @pytest.mark.parametrize("structure", COUNTER_STRUCTURES)
-def test_events_of_several_ticks_give_the_results_of_single_ticks(structure):
-    """Some of the diagrams have an unrestricted update at time zero, before all other updates."""
+def test_events_of_several_ticks_give_the_results_of_single_ticks(structure, tick):
+    """Some of the diagrams have an unrestricted update at time zero, before all other updates.
+
+    If a tick is shorter than the longest period, several events take turns.
+    """
     logs = []
     for ticks in (None, 5):
         _, compiled = uncompiled_and_compiled(
-            lambda builder: counters(builder, 3, **structure), ticks=ticks, record=True
+            lambda builder: counters(builder, 3, **structure), ticks=ticks, tick=tick, record=True
         )
         simulator = Simulator(compiled)
         part = compiled_part(compiled)
@@ -150,6 +154,23 @@ def test_events_of_several_ticks_give_the_results_of_single_ticks(structure):
     for name, values in logs[0].items():
         assert len(values) == 11
         assert_alike(logs[1][name][:11], values, name)
+
+
+def test_shared_values_are_computed_only_for_the_instants_of_an_event(monkeypatch):
+    """The two events of a cycle take turns, so each of them has every second tick."""
+    _, compiled = uncompiled_and_compiled(lambda builder: counters(builder, 2), ticks=1, tick=0.02)
+    part, times = compiled_part(compiled), {}
+    table = part.program.table
+
+    def recorded_table(shared, event_times):
+        times.setdefault(id(shared), []).append(event_times[:, 0])
+        return table(shared, event_times)
+
+    monkeypatch.setattr(part.program, "table", recorded_table)
+    Simulator(compiled).AdvanceTo(0.2)
+    # The first table belongs to the initialization.
+    _, *recurring = [each for (each,) in times.values()]
+    assert [each[:3].tolist() for each in recurring] == [[0.0, 0.04, 0.08], [0.02, 0.06, 0.1]]
 
 
 @pytest.mark.parametrize("tick", [0.005, 0.015, 0.01, 0.04])
