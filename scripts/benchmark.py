@@ -197,11 +197,11 @@ def print_rules(repetitions: int) -> None:
 
 def print_estimators(repetitions: int) -> None:
     """Print the simulation speed of compiled fleets with sensors and a state estimator on board."""
-    print("\n| state estimation, inertial sensors at 400 Hz, vehicle-seconds per second | one vehicle | 1,024 |")
+    print("\n| state estimation, inertial sensors at 400 Hz, vehicle-seconds per second | one vehicle | 1,000 |")
     print("|---|---|---|")
     names = ("indoor_flow", "outdoor_gnss", "warehouse_uwb")
     scenarios = {name: load_scenario(_DIAGRAMS / f"{name}.yaml") for name in ("onboard", *names)}
-    sizes = (1, 1024)
+    sizes = (1, 1000)
     costs = {
         size: interleaved([Stepper(each, size, compiled=True) for each in scenarios.values()], repetitions)
         for size in sizes
