@@ -9,7 +9,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.compilation.program import Event, Program
+from drake_quad.compilation.program import Event, EventCycle, Program
+from drake_quad.compilation.shared_values import SharedValues
 from drake_quad.compilation.topology import ExportedPort, Port
 from drake_quad.compilation.trace import PERIOD_TOLERANCE
 from drake_quad.errors import InputError, lookup, not_connected
@@ -79,14 +80,13 @@ class CompiledSystem(LeafSystem):
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
         # An event may span several instants only if no other system uses the intermediate results.
         is_alone = not program.row_ranges.inputs
-        events, ports = None, tuple(self.recorded.values())
+        cycle, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
-            events = program.multi_instant_events(ports, self._instants)
-        if events is None:
+            cycle = program.event_cycle(ports, self._instants)
+        if cycle is None:
             self._declare_instants()
         else:
-            ticks_per_event = ticks if is_alone and ticks is not None else 1
-            self._declare_multi_instant_events(events, ticks_per_event)
+            self._declare_cycle(cycle, ticks if is_alone and ticks is not None else 1)
         self._first = program.event_at(None)
         if self._first is not None:
             self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
@@ -167,28 +167,27 @@ class CompiledSystem(LeafSystem):
             instant = round(context.get_time() / program.base)
             event = discrete[instant % program.cycle]
             if event is not None:
-                self._advance(event, context, values.get_mutable_value(self._state), instant, stride=program.cycle)
+                self._advance(event, context, values.get_mutable_value(self._state), instant)
 
         def step(context: Context, state: Any) -> None:
             instant = round(context.get_time() / program.base)
             event = unrestricted[instant % program.cycle]
             if event is not None and (instant or starts):
                 numbers = state.get_mutable_discrete_state(self._state).get_mutable_value()
-                self._advance(event, context, numbers, instant, stride=program.cycle)
+                self._advance(event, context, numbers, instant)
 
         if any(unrestricted):
             self.DeclarePeriodicUnrestrictedUpdateEvent(program.base, 0.0, step)
         self.DeclarePeriodicDiscreteUpdateEvent(program.base, 0.0, update)
 
-    def _declare_multi_instant_events(self, events: Sequence[Event], ticks: int) -> None:
-        """Declare periodic events that simulate several instants of the diagram each.
+    def _declare_cycle(self, cycle: EventCycle, ticks: int) -> None:
+        """Declare a periodic event that simulates consecutive events of a cycle.
 
         Args:
-            events: consecutive events, which are repeated periodically.
+            cycle: events that are repeated periodically.
             ticks: number of consecutive events that one event of Drake's simulator simulates.
         """
-        instants = events[0].instants
-        period = instants * self.program.base
+        period, length = cycle.instants * self.program.base, len(cycle.kinds)
 
         def advance(context: Context, values: Any) -> None:
             first, count = round(context.get_time() / period), ticks
@@ -197,13 +196,18 @@ class CompiledSystem(LeafSystem):
                 while count and (first + count - 1) * period > last:
                     count -= 1
             if count:
-                numbers = values.get_mutable_value(self._state)
-                if len(events) == 1:
-                    self._advance(events[0], context, numbers, first, count)
-                else:
-                    for number in range(first, first + count):
-                        event = events[number % len(events)]
-                        self._advance(event, context, numbers, number, stride=len(events))
+                places = (first + np.arange(count)) % length
+                shared = np.zeros((count, max(1, *(each.width for each in cycle.shared))))
+                for place in dict.fromkeys(places.tolist()):
+                    columns = cycle.shared[place]
+                    rows = np.flatnonzero(places == place)
+                    table = self._table(columns, cycle.instants, first + int(rows[0]), len(rows), length)
+                    shared[rows, : table.shape[1]] = table
+                log = self._run(
+                    cycle, context, values.get_mutable_value(self._state), shared, order=cycle.kinds[places]
+                )
+                if cycle.loop.num_logged:
+                    self._append_to_log(context, log[cycle.logs[places]], first)
 
         def check(context: Context, values: Any) -> None:
             begin = context.get_time() / (period * ticks)
@@ -219,52 +223,66 @@ class CompiledSystem(LeafSystem):
     def _initialize(self, context: Context, values: Any) -> None:
         self._run_now(self._first, context, values.get_mutable_value(self._state))
 
-    def _advance(
-        self, event: Event, context: Context, state: np.ndarray, first: int, count: int = 1, *, stride: int = 1
-    ) -> None:
-        """Run `count` consecutive events.
+    def _advance(self, event: Event, context: Context, state: np.ndarray, instant: int) -> None:
+        """Run the event at an instant of the diagram, counted from time zero, which changes the state."""
+        table = self._table(event.shared, event.instants, instant, 1, self.program.cycle)
+        log = self._run(event, context, state, table)
+        if event.loop.num_logged:
+            self._append_to_log(context, log, instant)
+
+    def _append_to_log(self, context: Context, log: np.ndarray, first: int) -> None:
+        """Append rows to the recorded outputs, which begin with the first event; it has the number 0."""
+        parts = context.get_abstract_parameter(self._log).get_value().parts
+        if first == 0:
+            parts.clear()
+        parts.append(log)
+
+    def _table(self, shared: SharedValues, instants: int, first: int, count: int, stride: int) -> np.ndarray:
+        """Return the table rows of recurring events: the values that all vehicles share.
+
+        The rows are cached. If few events are requested, the rows of later recurrences are computed as well.
 
         Args:
-            event: event, which recurs in every `stride`-th place; `stride` is 1 if several events are run.
-            context: context of this system.
-            state: state, which is changed.
+            shared: columns of the table.
+            instants: number of instants of an event.
             first: number of the first event, counted from time zero.
             count: number of events.
-            stride: number of different events that take turns.
+            stride: distance between two recurrences. There are `stride - 1` other events between them.
         """
-        log = self._run(event, context, state, self._table(event, first, count, stride))
-        if event.loop.num_logged:
-            parts = context.get_abstract_parameter(self._log).get_value().parts
-            if first == 0:
-                parts.clear()
-            parts.append(log)
-
-    def _table(self, event: Event, first: int, count: int = 1, stride: int = 1) -> np.ndarray:
-        """Return the table rows of `count` events: the values that all vehicles share; see `_advance`.
-
-        The rows are cached. If a single event is requested, those of its next recurrences are computed as well,
-        `_EVENTS_PER_TABLE` in total.
-        """
-        place, offset = divmod(first, stride)
-        begin, size = (place - place % _EVENTS_PER_TABLE, _EVENTS_PER_TABLE) if count == 1 else (place, count)
+        recurrence, offset = divmod(first, stride)
+        size = max(1, _EVENTS_PER_TABLE // count) * count
+        begin = recurrence - recurrence % size
+        if recurrence + count > begin + size:
+            begin, size = recurrence, count
 
         def make() -> np.ndarray:
             numbers = stride * (begin + np.arange(size)) + offset
-            return self.program.table(event.shared, self.program.times(numbers, event.instants))
+            return self.program.table(shared, self.program.times(numbers, instants))
 
-        return self._tables.get((id(event), stride, begin, size), make)[place - begin : place - begin + count]
+        rows = self._tables.get((id(shared), stride, begin, size), make)
+        return rows[recurrence - begin : recurrence - begin + count]
 
     def _run_now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Run an event of the compiled diagram at the time of the context, and return the values that it logs."""
         shared = self._shared_at(event, context.get_time())[None]
         return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
 
-    def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """Run consecutive events with a table (events, width) of shared values, and return their logs."""
+    def _run(
+        self,
+        event: Event | EventCycle,
+        context: Context,
+        state: np.ndarray,
+        shared: np.ndarray,
+        order: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Run consecutive events with a table (events, width) of shared values, and return their logs.
+
+        The kinds of the events in a cycle are given by `order`.
+        """
         n = self.program.num_vehicles
         log = np.empty((len(shared), event.loop.num_logged, event.loop.padded_num_vehicles(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()
-        event.loop.run(state, parameters, self._input_rows(event.inputs, context), shared, log, n)
+        event.loop.run(state, parameters, self._input_rows(event.inputs, context), shared, log, n, order=order)
         return log
 
     def _input_rows(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
@@ -303,7 +321,7 @@ class CompiledSystem(LeafSystem):
         """Return the shared values at a time (s); they are cached if the time is an instant of the diagram."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
-            return self._table(event, instant)[0]
+            return self._table(event.shared, event.instants, instant, 1, 1)[0]
         return self.program.table(event.shared, np.full((1, event.instants + 1), time))[0]
 
 

@@ -19,6 +19,11 @@ PREPARE = "@prepare(ptr %parameters, ptr %precomputed)"
 EVENT = "@event(ptr %state, ptr %inputs, ptr %precomputed, ptr %shared, ptr %log, i64 %padded)"
 
 
+def numbered(head: str, number: int) -> str:
+    """Return the head of a function, `PREPARE` or `EVENT`, with a number in its name; without it for the number 0."""
+    return head.replace("(", f"_of_kind_{number}(", 1) if number else head
+
+
 class PartSizes(NamedTuple):
     """Number of rows in each group of rows that the operations of an event read.
 

@@ -12,8 +12,8 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.blocks import Block, BlockUpdate, find_block
 from drake_quad.compilation.clocked_loop import ClockedLoop
-from drake_quad.compilation.loop import Loop
-from drake_quad.compilation.parts import PartSizes
+from drake_quad.compilation.loop import EventCode, Loop
+from drake_quad.compilation.parts import PartSizes, Results
 from drake_quad.compilation.placeholder import has_state, wrapped_system
 from drake_quad.compilation.shared_values import SharedValues
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
@@ -45,6 +45,36 @@ class Event(NamedTuple):
     loop: Loop
     shared: SharedValues
     instants: int
+    inputs: frozenset[Port | ExportedPort]
+
+
+class EventCycle(NamedTuple):
+    """Machine code that simulates consecutive events, which are repeated periodically.
+
+    Events with the same operations share their machine code.
+
+    Attributes:
+        loop: machine code of all kinds of events, and its memory.
+        kinds: index of the kind of each event in the cycle.
+        logs: mask of the events in the cycle that write to the log.
+        shared: columns of the table of values that all vehicles share, for each event in the cycle.
+        instants: number of consecutive instants that each event simulates.
+        inputs: external inputs that the events read.
+    """
+
+    loop: Loop
+    kinds: np.ndarray
+    logs: np.ndarray
+    shared: list[SharedValues]
+    instants: int
+    inputs: frozenset[Port | ExportedPort]
+
+
+class _TracedEvent(NamedTuple):
+    """Event before its operations are compiled: the operations, the shared values, and the external inputs it reads."""
+
+    code: EventCode
+    shared: SharedValues
     inputs: frozenset[Port | ExportedPort]
 
 
@@ -189,7 +219,7 @@ class Program:
         return instants
 
     @_cached
-    def multi_instant_events(self, recorded: tuple[Port, ...], max_instants: int) -> list[Event] | None:
+    def event_cycle(self, recorded: tuple[Port, ...], max_instants: int) -> EventCycle | None:
         """Return the events that simulate a cycle, each over as many instants as possible.
 
         An event starts with the discrete updates at an instant and ends just before the discrete updates at a later
@@ -212,10 +242,29 @@ class Program:
                     break
                 events.append(event)
             else:
-                return events
+                return self._compiled_cycle(events, instants)
         return None
 
-    def _multi_instant_event(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
+    def _compiled_cycle(self, events: Sequence[_TracedEvent], instants: int) -> EventCycle:
+        """Return the machine code of the events of a cycle, each over the given number of instants."""
+        operations = [(event.code.listing.digest(), Results.of(*event.code)) for event in events]
+        kinds = [index for index, each in enumerate(operations) if each not in operations[:index]]
+        loop = Loop(
+            [events[index].code for index in kinds],
+            sizes=self.sizes,
+            width=max(event.shared.width for event in events),
+            single_vehicle=self.num_vehicles == 1,
+        )
+        return EventCycle(
+            loop,
+            np.array([kinds.index(operations.index(each)) for each in operations], dtype=np.int64),
+            np.array([len(event.code.logged) > 0 for event in events]),
+            [event.shared for event in events],
+            instants,
+            frozenset().union(*[event.inputs for event in events]),
+        )
+
+    def _multi_instant_event(self, first: int, instants: int, recorded: Iterable[Port]) -> _TracedEvent | None:
         """Return an event over several instants; None if it would read external inputs after the first instant."""
         trace, shared = self._trace(instants)
         logged = _rows(trace, recorded)
@@ -223,7 +272,7 @@ class Program:
         used_inputs = frozenset(trace.inputs)
         trace.inputs.clear()
         self._trace_until(trace, first, instants)
-        return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
+        return None if trace.inputs else _TracedEvent(_code_of(trace, logged), shared, used_inputs)
 
     def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
         """Trace the events that follow the discrete updates at the instant `first`.
@@ -331,9 +380,7 @@ class Program:
 
     def _event(self, trace: Trace, shared: SharedValues, instants: int, logged: Sequence[Any]) -> Event:
         loop = Loop(
-            trace.listing,
-            trace.changes(),
-            logged,
+            [_code_of(trace, logged)],
             sizes=self.sizes,
             width=shared.width,
             single_vehicle=self.num_vehicles == 1,
@@ -436,3 +483,7 @@ def _consecutive_ranges(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, i
 def _rows(trace: Trace, ports: Iterable[Port]) -> list[Any]:
     """Return the rows of several output ports, in the order of the ports."""
     return [row for port in ports for row in trace.output(port)]
+
+
+def _code_of(trace: Trace, logged: Sequence[Any]) -> EventCode:
+    return EventCode(trace.listing, trace.changes(), logged)

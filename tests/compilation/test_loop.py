@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad.compilation import parts
-from drake_quad.compilation.loop import Loop
+from drake_quad.compilation.loop import EventCode, Loop
 from drake_quad.compilation.parts import PartSizes
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework import elementary, scheduling
@@ -37,9 +37,7 @@ def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, wi
     shared = np.array(shared, dtype=float)
     sizes = PartSizes(len(state), len(parameters), len(inputs))
     loop = Loop(
-        listing,
-        changes,
-        logged,
+        [EventCode(listing, changes, logged)],
         sizes=sizes,
         width=shared.shape[1] if width is None else width,
         single_vehicle=single_vehicle,
@@ -80,12 +78,35 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
     np.testing.assert_allclose(actual, state, rtol=1e-13)
 
 
+@pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_events_of_several_kinds_occur_in_the_given_order(n, single_vehicle):
+    """One kind adds the exponential of a parameter to the state, and the other multiplies it by a shared value."""
+    growth, product = Listing(), Listing()
+    x, rate = growth.row(STATE, 0), growth.row(PARAMETERS, 0)
+    y, factor = product.row(STATE, 0), product.shared(1)
+    kinds = [EventCode(growth, {0: x + elementary.exp(rate)}, []), EventCode(product, {0: y * factor}, [y, factor])]
+    loop = Loop(kinds, sizes=PartSizes(1, 1, 0), width=2, single_vehicle=single_vehicle)
+    assert loop.num_logged == 2
+    rng = np.random.default_rng(n)
+    state, rates, shared = rng.normal(size=n), rng.normal(size=n), rng.uniform(0.5, 2.0, (5, 2))
+    expected, expected_log, order = state.copy(), {}, np.array([1, 0, 0, 1, 0])
+    log = np.full((5, 2, loop.padded_num_vehicles(n)), np.nan)
+    loop.run(state, rates, np.empty(0), shared, log, n, order=order)
+    for event, kind in enumerate(order):
+        if kind == 1:
+            expected_log[event] = [expected, np.full(n, shared[event, 1])]
+        expected = expected * shared[event, 1] if kind else expected + np.exp(rates)
+    np.testing.assert_allclose(state, expected, rtol=1e-13)
+    for event, rows in expected_log.items():
+        np.testing.assert_allclose(log[event, :, :n], rows, rtol=1e-13)
+
+
 @pytest.mark.parametrize("n", NUM_VEHICLES)
 def test_only_state_components_that_change_are_written(n):
     """Memory outside the fleet does not change. Nothing changes if there are no events."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
-    loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
+    loop = Loop([EventCode(listing, {1: x + 1.0}, [])], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
     for events in (0, 1):
         state = np.arange(3.0 * n + 5.0)
         none = np.empty(0)
@@ -109,8 +130,13 @@ def test_aligned_arrays_begin_at_a_cache_line():
 def test_the_number_of_log_columns_is_rounded_up_to_whole_vectors_of_vehicles():
     listing = Listing()
     loops = [
-        Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
-        for single_vehicle in (True, False)
+        Loop(
+            [EventCode(listing, {}, [listing.row(STATE, 0)])],
+            sizes=PartSizes(1, 0, 0),
+            width=0,
+            single_vehicle=single_vehicle,
+        )
+        for one in (True, False)
     ]
     assert loops[0].padded_num_vehicles(1) == 1
     assert [loops[1].padded_num_vehicles(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
