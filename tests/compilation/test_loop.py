@@ -134,7 +134,7 @@ def test_the_number_of_log_columns_is_rounded_up_to_whole_vectors_of_vehicles():
             [EventCode(listing, {}, [listing.row(STATE, 0)])],
             sizes=PartSizes(1, 0, 0),
             width=0,
-            single_vehicle=single_vehicle,
+            single_vehicle=one,
         )
         for one in (True, False)
     ]
