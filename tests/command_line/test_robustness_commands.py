@@ -99,6 +99,8 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
     assert scales["stable_up_to_scale"][0] < scales["unstable_at_scale"][0]
     assert 0.065 < parameters["certified_to"][0] < parameters["value_of_unstable_loop"][0]
     # The suggested flight shows the instability.
+    assert "to see the instability, fly in hover with the parameters at scale" in result.stdout
+    assert f"\n  drake-quad fly {tmp_path / 'unstable.yaml'}\n" in result.stdout
     flight = simulate(load_scenario(tmp_path / "unstable.yaml"))
     errors = np.linalg.norm(flight["state"][:, :3] - flight["reference"][:, :3], axis=1)
     half = len(errors) // 2

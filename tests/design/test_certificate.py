@@ -43,6 +43,8 @@ def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
     assert certificate.gap < 0.1
     assert certificate.parameters == tuple(CENTRES)
     assert certificate.without_equilibrium.scale == math.inf
+    # The four axes X, Y, Z and yaw are independent parts of the loop. Each part has a cell, and each division adds two.
+    assert certificate.num_cells in range(4, 40, 2)
 
 
 @pytest.mark.long
@@ -80,6 +82,9 @@ def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop
     together = hover.radii(z, np.zeros(2, dtype=int), "test")
     alone = [hover.radii(row[np.newaxis], np.zeros(1, dtype=int), "test")[0] for row in z]
     assert together == pytest.approx(alone, rel=1e-9)
+    corrected = hover.all_values(z, np.zeros(2, dtype=int))
+    upper_bounds = [0.00525 + 0.00025 * scale for scale in (0.9, 1.4)]
+    assert corrected == pytest.approx(np.array([[bound, bound, 2.0 * bound] for bound in upper_bounds]))
 
 
 @pytest.mark.long
