@@ -18,6 +18,7 @@ from drake_quad.command_line import (
     design_lqg,
     fly,
     identify,
+    identify_controller,
     judge,
     output,
     plan,
@@ -32,6 +33,7 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
+from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import EstimatedValue, ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source
@@ -706,6 +708,28 @@ def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     assert header == ["no wind", "outdoor"]
     assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]
     assert second == ["INDI", "20.0", "–"]
+
+
+def test_an_identified_position_law_is_printed_with_the_fractions_of_limited_samples(capsys):
+    gains = {"position": EstimatedValue(4.0, 0.1, "1/s²"), "reference_acceleration": EstimatedValue(1.0, 0.01, "1")}
+    horizontal = AxisLaw(("x", "y"), gains, 0.98765, {"filter_time": "too short"}, at_error_limit=0.125)
+    law = PositionLaw((horizontal,), "heading", 0.25, {"z": "no motion"}, ("a remark",))
+    identify_controller.print_law(law)
+    printed = capsys.readouterr()
+    title, header, *rows = cells(printed.out)
+    assert title == ["position law with 95 % intervals"]
+    assert header == ["axis", "gain", "value", "unit"]
+    assert rows == [
+        ["x and y", "position", "4.00 ± 0.20", "1/s²"],
+        ["x and y", "reference acceleration", "1.000 ± 0.020"],
+        ["x and y: the law explains 98.77 % of the variance of the command"],
+        ["x and y: the position error is limited in 12.5 % of the samples"],
+        ["not identified: filter time on x and y: too short"],
+        ["not identified: z: no motion"],
+        ["form of the command: thrust along the commanded roll and pitch at the measured yaw"],
+        ["25.0 % of the samples are left out, because a command is at its limit"],
+    ]
+    assert printed.err == "remark: a remark\n"
 
 
 def test_a_range_of_gains_must_be_nonnegative_and_increasing():

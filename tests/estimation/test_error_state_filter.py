@@ -37,7 +37,7 @@ NOISE = InertialNoise(2e-3, 0.02, 2e-4, 3e-3)
 INITIAL = EstimateDeviation(*[0.1] * 3, *[0.2] * 3, *[0.04] * 3, *[0.02] * 3, *[0.1] * 3)
 POSITION = PositionAiding(0.02, 0.03, 0.04)
 NO_LIMIT = 1e9
-GROUND, ANCHOR, NORTH = -0.2, Vector(3.0, -2.0, 2.5), 0.4
+GROUND, ANCHOR, NORTH = 0.4, Vector(3.0, -2.0, 2.5), 0.4
 EARTH_FIELD = np.array([np.cos(NORTH), np.sin(NORTH), -1.4])
 
 AIDING = {

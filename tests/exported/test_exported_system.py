@@ -1,11 +1,13 @@
 """Tests of the Drake system that runs exported code."""
 
 import json
+import os
 import pickle
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from pydrake.systems.framework import Context
 
 from drake_quad import InputError, load_scenario, register_controller
 from drake_quad.export.controller import export_controller
+from drake_quad.exported import machines
 from drake_quad.exported.description import DESCRIPTION_FILE, read_description
 from drake_quad.exported.machines import CROSS_COMPILER, EMULATOR, HostMachine, compile_for_board, has_cross_compiler
 from drake_quad.exported.system import exported_controller
@@ -127,6 +130,19 @@ def test_a_controller_reads_the_true_state_if_its_code_has_this_input(tmp_path, 
     export_controller(scenario, tmp_path)
     assert signal in read_description(tmp_path).inputs
     assert exported_controller(tmp_path)().reads_true_state == expected
+
+
+def test_stopping_an_emulation_ends_its_process_and_frees_its_pipes_and_files():
+    """A sleeping process stands in for the emulator."""
+    process = subprocess.Popen(["sleep", "60"], stderr=subprocess.PIPE)
+    pipes, directory = os.pipe(), tempfile.TemporaryDirectory()
+    machines._stop(process, pipes, directory)
+    assert process.returncode == -signal.SIGKILL
+    assert process.stderr.closed
+    for pipe in pipes:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(pipe)
+    assert not Path(directory.name).exists()
 
 
 @pytest.mark.slow

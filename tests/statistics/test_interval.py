@@ -1,5 +1,6 @@
 """Tests of intervals: their arithmetic, and their printed form, which contains the exact interval."""
 
+import itertools
 import math
 import re
 
@@ -81,6 +82,8 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (spread_text(441.0), "± 441"),
         (spread_text(math.inf), "± ∞"),
     ],
+    # The names of the tests must not depend on the results. Otherwise, the mutation test does not find them.
+    ids=itertools.count(),
 )
 def test_intervals_are_printed_with_the_right_digits(text, expected):
     assert text == expected
