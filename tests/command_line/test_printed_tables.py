@@ -16,6 +16,7 @@ from drake_quad.command_line import (
     compare_log,
     design,
     design_lqg,
+    falsify,
     fly,
     identify,
     identify_controller,
@@ -708,6 +709,23 @@ def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     assert header == ["no wind", "outdoor"]
     assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]
     assert second == ["INDI", "20.0", "–"]
+
+
+def test_the_parameters_of_a_worst_case_are_sorted_by_their_distance_from_the_median(capsys):
+    found = SimpleNamespace(
+        names=("vehicle.mass", "noise", "laboratory.command_link.loss_rate"),
+        point=np.array([0.5, -1.25, -2.0]),
+        values={"vehicle.mass": (0.68, 0.70123), "laboratory.command_link.loss_rate": (0.1, 0.02)},
+        nominal=load_scenario("hover"),
+    )
+    falsify.print_parameters(found)
+    header, *rows = cells(capsys.readouterr().out)
+    assert header == ["random parameter", "nominal", "worst", "deviations", "unit"]
+    assert rows == [
+        ["laboratory.command_link.loss_rate", "0.1", "0.02", "-2.00"],
+        ["noise", "–", "–", "-1.25"],
+        ["vehicle.mass", "0.68", "0.7012", "+0.50", "kg"],
+    ]
 
 
 def test_an_identified_position_law_is_printed_with_the_fractions_of_limited_samples(capsys):
