@@ -57,6 +57,7 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
     assert over.control.action.min_rotor_speed is None
 
 
+@pytest.mark.slow
 def test_the_parameter_of_an_activation_is_saved(tmp_path):
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
     layers = [Layer(np.ones((3, 3)), np.zeros(3), "leaky_relu", 0.3), Layer(np.eye(3), np.zeros(3), "tanh")]
