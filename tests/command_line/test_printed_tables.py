@@ -25,6 +25,7 @@ from drake_quad.command_line import (
     plan,
     replay,
     replicate,
+    risk,
     sensitivities,
     study,
 )
@@ -53,6 +54,7 @@ from drake_quad.replication.published import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
 from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 from drake_quad.statistics.replicates import INDEPENDENT
+from drake_quad.studies.risk import Coordinate
 from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
@@ -709,6 +711,24 @@ def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     assert header == ["no wind", "outdoor"]
     assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]
     assert second == ["INDI", "20.0", "–"]
+
+
+def test_the_table_of_random_numbers_of_an_event_has_a_row_for_each_number(tmp_path):
+    coordinates = (
+        Coordinate("vehicle.mass", Interval(1.5, 1.25, 1.75), 0.5),
+        Coordinate("wind", Interval(-0.5, -0.75, 0.0), 1.0),
+    )
+    table = read_table(risk.write_coordinates(tmp_path / "table.csv", SimpleNamespace(coordinates=coordinates)))
+    assert {name: column.tolist() for name, column in table.items()} == {
+        "random_number": ["vehicle.mass", "wind"],
+        "mean": [1.5, -0.5],
+        "mean_low": [1.25, -0.75],
+        "mean_high": [1.75, 0.0],
+        "deviation": [0.5, 1.0],
+    }
+    assert not any(
+        map(len, read_table(risk.write_coordinates(tmp_path / "t.csv", SimpleNamespace(coordinates=()))).values())
+    )
 
 
 def test_the_parameters_of_a_worst_case_are_sorted_by_their_distance_from_the_median(capsys):
