@@ -20,7 +20,7 @@ from drake_quad.export.controller import export_controller
 from drake_quad.exported import machines
 from drake_quad.exported.description import DESCRIPTION_FILE, read_description
 from drake_quad.exported.machines import CROSS_COMPILER, EMULATOR, HostMachine, compile_for_board, has_cross_compiler
-from drake_quad.exported.system import exported_controller
+from drake_quad.exported.system import ExportedController, exported_controller
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -66,6 +66,11 @@ def test_the_kind_survives_pickling(folder):
     restored = pickle.loads(pickle.dumps(scenario))
     assert restored.control.kind == kind
     assert restored.control.registration_option().startswith("--controller ")
+
+
+def test_the_class_of_a_controller_has_the_docstring_of_its_base_class(folder):
+    """`help` prints only the docstring of the class itself."""
+    assert exported_controller(folder).__doc__ == ExportedController.__doc__
 
 
 def test_code_whose_structs_differ_from_its_description_is_refused(folder, tmp_path):
