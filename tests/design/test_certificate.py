@@ -88,6 +88,19 @@ def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop
 
 
 @pytest.mark.long
+def test_parameters_that_do_not_affect_an_unstable_part_of_the_loop_are_at_their_centres():
+    ranges = [f"vehicle.inertia.{axis}={{uniform: {{min: 0.0049, max: 0.0091}}}}" for axis in (0, 1)]
+    scenario = delayed_hover("vehicle.inertia.2=0.006", "nominal.inertia.2=0.012", *ranges)
+    hover = UncertainHover(scenario, UserSystems(), lambda count, step: None)
+    roll, pitch = hover.parts()
+    assert (roll.ranges.tolist(), pitch.ranges.tolist()) == ([0], [1])
+    hover.loops_in([(roll, -np.ones(1), np.ones(1))], [np.array([[-1.0], [1.0]])])
+    # The roll motion is unstable at the lower end of its range.
+    assert hover.unstable.scale == pytest.approx(1.0)
+    assert hover.unstable.values == pytest.approx({"vehicle.inertia.0": 0.0049, "vehicle.inertia.1": 0.007})
+
+
+@pytest.mark.long
 def test_all_loops_on_a_grid_within_the_certified_scale_are_stable(certificate):
     resting = symmetric_hover(at_rest(delayed_hover()))
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
