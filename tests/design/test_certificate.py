@@ -143,7 +143,7 @@ def test_a_certificate_depends_only_on_the_seed():
 @pytest.mark.long
 def test_no_scale_is_certified_if_the_loop_is_unstable_at_the_centre_of_the_ranges():
     result = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
-    assert result.stable_scale == result.unstable.scale == result.gap == 0.0
+    assert result.stable_scale == result.unstable.scale == result.gap == result.num_cells == 0.0
     assert poles_at(result.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 
