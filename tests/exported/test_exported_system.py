@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -62,6 +63,7 @@ def test_reading_the_output_does_not_change_the_state(folder):
 
 def test_the_kind_survives_pickling(folder):
     kind = register_controller(exported_controller(folder))
+    assert re.fullmatch(r"exported\.controller_[0-9a-f]{8}", kind)
     scenario = load_scenario("hover", [f"control={{kind: {kind}}}"])
     restored = pickle.loads(pickle.dumps(scenario))
     assert restored.control.kind == kind
@@ -177,6 +179,8 @@ def test_a_board_exchanges_states_and_outputs_with_its_emulator(folder, tmp_path
     with pytest.raises(RuntimeError, match=r"qemu-system-arm ended with status 1: the board has no more steps"):
         board.step(state, inputs)
     board.close()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(board._requests)
 
 
 def test_stopping_an_emulation_ends_its_process_and_frees_its_pipes_and_files():
