@@ -40,6 +40,9 @@ def test_falsify_prints_the_worst_case_beside_the_nominal_one(run, tmp_path):
     assert files(result) == ["worst.yaml", "parameters.csv", "worst.png", "search.png"]
     assert (tmp_path / "parameters.csv").read_text().startswith("parameter,nominal,worst\nvehicle.mass,0.68")
     assert load_scenario(tmp_path / "worst.yaml").vehicle.mass != 0.68
+    _, commands = result.stdout.split("to fly the worst case again, or to see it in a replay:\n")
+    worst = tmp_path / "worst.yaml"
+    assert commands.splitlines()[:2] == [f"  drake-quad fly {worst}", f"  drake-quad replay {worst} --samples 1"]
 
 
 @pytest.mark.long
