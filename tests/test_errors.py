@@ -1,11 +1,12 @@
 """Tests of error messages, and of the functions that format them."""
 
+import itertools
 import pickle
 
 import numpy as np
 import pytest
 
-from drake_quad.errors import InputError, check_integer, join_names, short_repr, shorten_text
+from drake_quad.errors import InputError, check_integer, did_you_mean, join_names, short_repr, shorten_text
 
 
 @pytest.mark.parametrize("text", ["a\nb", "\x1b[31mred", "a\0b", "\u2028", "\ud800", "\ufeff"])
@@ -33,6 +34,13 @@ def test_long_values_texts_and_lists_are_shortened():
     assert len(short_repr(list(range(10_000)))) == 60
     assert join_names([f"n{i}" for i in range(8)]).endswith("n6, n7")
     assert join_names([f"n{i}" for i in range(10)]).endswith("n7, and 2 more")
+
+
+def test_at_most_two_similar_names_are_suggested():
+    assert did_you_mean("mas", ["mass", "drag", "mask", "mast"]) in {
+        f"did you mean {first} or {second}?" for first, second in itertools.permutations(["mass", "mask", "mast"], 2)
+    }
+    assert did_you_mean("mas", ["drag"]) == ""
 
 
 def test_a_message_survives_pickling():

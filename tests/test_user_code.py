@@ -16,6 +16,7 @@ from drake_quad.framework.records import layout_of
 from drake_quad.framework.symbols import Listing
 from drake_quad.scenario.files.reading import open_source
 from drake_quad.signals import Row
+from drake_quad.studies.study_folder import report_saved_results
 from drake_quad.user_code import describe_error, user_frames, user_traceback
 
 USER_MODULE = """
@@ -97,6 +98,13 @@ def test_the_body_of_a_with_statement_in_a_program_is_not_user_code():
             raise KeyError("a")
 
     assert describe_error(error_of(body)) == "KeyError: 'a'"
+
+    def body_of_converted_error():
+        with report_saved_results(lambda: "nothing was written"):
+            raise RuntimeError("no progress")
+
+    # The traceback of the original error contains the frame of the context manager, which stopped at `yield`.
+    assert describe_error(error_of(body_of_converted_error)) == "RuntimeError: no progress; nothing was written"
 
 
 def test_the_main_function_of_a_program_is_not_user_code(capsys, monkeypatch):

@@ -32,7 +32,12 @@ from drake_quad.scenario.models import Scenario
 # Control signals that are exported and recorded. A user's control must provide only the signal for the command link.
 _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
-    *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
+    "observation",
+    "action",
+    "acceleration_command",
+    "attitude_command",
+    "wrench",
+    "attitude_target",
 )
 # Signals that a controller may send over the command link. Each controller sends one of them.
 _COMMANDS = ("wrench", "attitude_target")

@@ -14,8 +14,14 @@ from drake_quad.framework.wiring import append, build, connect_inputs, split_out
 
 # Optional outputs of a position controller or of a network.
 POSITION_SIGNALS = (
-    *("error", "error_rate", "pd", "correction", "disturbance"),
-    *("weights", "covariance_trace", "antecedents"),
+    "error",
+    "error_rate",
+    "pd",
+    "correction",
+    "disturbance",
+    "weights",
+    "covariance_trace",
+    "antecedents",
 )
 
 # Inputs of the cascade in addition to the reference, for each type of feed-forward.

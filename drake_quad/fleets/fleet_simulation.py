@@ -172,7 +172,7 @@ class CompiledSimulation(FleetSimulation):
 
 
 def simulate_fleet(
-    batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems(), record: bool = False, compiled: bool
+    batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems(), record: bool, compiled: bool
 ) -> FleetSimulation:
     """Create the simulation of a fleet.
 

@@ -16,13 +16,16 @@ from drake_quad.command_line import (
     compare_log,
     design,
     design_lqg,
+    falsify,
     fly,
     identify,
+    identify_controller,
     judge,
     output,
     plan,
     replay,
     replicate,
+    risk,
     sensitivities,
     study,
 )
@@ -32,6 +35,7 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
+from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import EstimatedValue, ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, ExplainedVariance, Source
@@ -50,6 +54,7 @@ from drake_quad.replication.published import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
 from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 from drake_quad.statistics.replicates import INDEPENDENT
+from drake_quad.studies.risk import Coordinate
 from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
@@ -706,6 +711,63 @@ def test_judge_prints_errors_in_centimetres_and_the_fraction_of_crashes(capsys):
     assert header == ["no wind", "outdoor"]
     assert first == ["PD", "20.0 25.0 %", "20.0 25.0 %"]
     assert second == ["INDI", "20.0", "–"]
+
+
+def test_the_table_of_random_numbers_of_an_event_has_a_row_for_each_number(tmp_path):
+    coordinates = (
+        Coordinate("vehicle.mass", Interval(1.5, 1.25, 1.75), 0.5),
+        Coordinate("wind", Interval(-0.5, -0.75, 0.0), 1.0),
+    )
+    table = read_table(risk.write_coordinates(tmp_path / "table.csv", SimpleNamespace(coordinates=coordinates)))
+    assert {name: column.tolist() for name, column in table.items()} == {
+        "random_number": ["vehicle.mass", "wind"],
+        "mean": [1.5, -0.5],
+        "mean_low": [1.25, -0.75],
+        "mean_high": [1.75, 0.0],
+        "deviation": [0.5, 1.0],
+    }
+    assert not any(
+        map(len, read_table(risk.write_coordinates(tmp_path / "t.csv", SimpleNamespace(coordinates=()))).values())
+    )
+
+
+def test_the_parameters_of_a_worst_case_are_sorted_by_their_distance_from_the_median(capsys):
+    found = SimpleNamespace(
+        names=("vehicle.mass", "noise", "laboratory.command_link.loss_rate"),
+        point=np.array([0.5, -1.25, -2.0]),
+        values={"vehicle.mass": (0.68, 0.70123), "laboratory.command_link.loss_rate": (0.1, 0.02)},
+        nominal=load_scenario("hover"),
+    )
+    falsify.print_parameters(found)
+    header, *rows = cells(capsys.readouterr().out)
+    assert header == ["random parameter", "nominal", "worst", "deviations", "unit"]
+    assert rows == [
+        ["laboratory.command_link.loss_rate", "0.1", "0.02", "-2.00"],
+        ["noise", "–", "–", "-1.25"],
+        ["vehicle.mass", "0.68", "0.7012", "+0.50", "kg"],
+    ]
+
+
+def test_an_identified_position_law_is_printed_with_the_fractions_of_limited_samples(capsys):
+    gains = {"position": EstimatedValue(4.0, 0.1, "1/s²"), "reference_acceleration": EstimatedValue(1.0, 0.01, "1")}
+    horizontal = AxisLaw(("x", "y"), gains, 0.98765, {"filter_time": "too short"}, at_error_limit=0.125)
+    law = PositionLaw((horizontal,), "heading", 0.25, {"z": "no motion"}, ("a remark",))
+    identify_controller.print_law(law)
+    printed = capsys.readouterr()
+    title, header, *rows = cells(printed.out)
+    assert title == ["position law with 95 % intervals"]
+    assert header == ["axis", "gain", "value", "unit"]
+    assert rows == [
+        ["x and y", "position", "4.00 ± 0.20", "1/s²"],
+        ["x and y", "reference acceleration", "1.000 ± 0.020"],
+        ["x and y: the law explains 98.77 % of the variance of the command"],
+        ["x and y: the position error is limited in 12.5 % of the samples"],
+        ["not identified: filter time on x and y: too short"],
+        ["not identified: z: no motion"],
+        ["form of the command: thrust along the commanded roll and pitch at the measured yaw"],
+        ["25.0 % of the samples are left out, because a command is at its limit"],
+    ]
+    assert printed.err == "remark: a remark\n"
 
 
 def test_a_range_of_gains_must_be_nonnegative_and_increasing():

@@ -40,6 +40,9 @@ def test_falsify_prints_the_worst_case_beside_the_nominal_one(run, tmp_path):
     assert files(result) == ["worst.yaml", "parameters.csv", "worst.png", "search.png"]
     assert (tmp_path / "parameters.csv").read_text().startswith("parameter,nominal,worst\nvehicle.mass,0.68")
     assert load_scenario(tmp_path / "worst.yaml").vehicle.mass != 0.68
+    _, commands = result.stdout.split("to fly the worst case again, or to see it in a replay:\n")
+    worst = tmp_path / "worst.yaml"
+    assert commands.splitlines()[:2] == [f"  drake-quad fly {worst}", f"  drake-quad replay {worst} --samples 1"]
 
 
 @pytest.mark.long
@@ -99,6 +102,8 @@ def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_p
     assert scales["stable_up_to_scale"][0] < scales["unstable_at_scale"][0]
     assert 0.065 < parameters["certified_to"][0] < parameters["value_of_unstable_loop"][0]
     # The suggested flight shows the instability.
+    assert "to see the instability, fly in hover with the parameters at scale" in result.stdout
+    assert f"\n  drake-quad fly {tmp_path / 'unstable.yaml'}\n" in result.stdout
     flight = simulate(load_scenario(tmp_path / "unstable.yaml"))
     errors = np.linalg.norm(flight["state"][:, :3] - flight["reference"][:, :3], axis=1)
     half = len(errors) // 2

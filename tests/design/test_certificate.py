@@ -43,6 +43,8 @@ def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
     assert certificate.gap < 0.1
     assert certificate.parameters == tuple(CENTRES)
     assert certificate.without_equilibrium.scale == math.inf
+    # The four axes X, Y, Z and yaw are independent parts of the loop. Each part has a cell, and each division adds two.
+    assert certificate.num_cells in range(4, 40, 2)
 
 
 @pytest.mark.long
@@ -80,6 +82,22 @@ def test_impossible_moments_of_inertia_are_corrected_independently_for_each_loop
     together = hover.radii(z, np.zeros(2, dtype=int), "test")
     alone = [hover.radii(row[np.newaxis], np.zeros(1, dtype=int), "test")[0] for row in z]
     assert together == pytest.approx(alone, rel=1e-9)
+    corrected = hover.all_values(z, np.zeros(2, dtype=int))
+    upper_bounds = [0.00525 + 0.00025 * scale for scale in (0.9, 1.4)]
+    assert corrected == pytest.approx(np.array([[bound, bound, 2.0 * bound] for bound in upper_bounds]))
+
+
+@pytest.mark.long
+def test_parameters_that_do_not_affect_an_unstable_part_of_the_loop_are_at_their_centres():
+    ranges = [f"vehicle.inertia.{axis}={{uniform: {{min: 0.0049, max: 0.0091}}}}" for axis in (0, 1)]
+    scenario = delayed_hover("vehicle.inertia.2=0.006", "nominal.inertia.2=0.012", *ranges)
+    hover = UncertainHover(scenario, UserSystems(), lambda count, step: None)
+    roll, pitch = hover.parts()
+    assert (roll.ranges.tolist(), pitch.ranges.tolist()) == ([0], [1])
+    hover.loops_in([(roll, -np.ones(1), np.ones(1))], [np.array([[-1.0], [1.0]])])
+    # The roll motion is unstable at the lower end of its range.
+    assert hover.unstable.scale == pytest.approx(1.0)
+    assert hover.unstable.values == pytest.approx({"vehicle.inertia.0": 0.0049, "vehicle.inertia.1": 0.007})
 
 
 @pytest.mark.long
@@ -125,7 +143,7 @@ def test_a_certificate_depends_only_on_the_seed():
 @pytest.mark.long
 def test_no_scale_is_certified_if_the_loop_is_unstable_at_the_centre_of_the_ranges():
     result = certify_hover(load_scenario("hover", [UNCERTAIN_LAG, "laboratory.command_link.delay_ticks=20"]))
-    assert result.stable_scale == result.unstable.scale == result.gap == 0.0
+    assert result.stable_scale == result.unstable.scale == result.gap == result.num_cells == 0.0
     assert poles_at(result.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 

@@ -85,6 +85,13 @@ def test_a_steady_acceleration_tilts_the_estimate():
     assert roll == pytest.approx(0.1 * np.exp(-1.0), rel=0.02)
 
 
+def test_a_filter_without_an_initial_estimate_starts_with_the_measured_tilt_and_no_yaw():
+    force = GRAVITY * Rotation.from_euler("ZYX", [0.9, -0.2, 0.3]).as_matrix()[2]
+    system, context = run(None, (), (), {"gyroscope": [0.0, 0.0, 0.0], "accelerometer": force}, H)
+    attitude = system.GetOutputPort("measurement").Eval(context)[3:6]
+    np.testing.assert_allclose(attitude, [0.3, -0.2, 0.0], atol=1e-9)
+
+
 def test_parameters_of_another_sensor_are_refused():
     with pytest.raises(ValueError, match="parameters of type YawAiding"):
         run(AT_REST, (Aiding("position", "position"),), (YawAiding(1.0),), LEVEL_READINGS, 0.1)

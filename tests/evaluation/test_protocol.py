@@ -17,7 +17,7 @@ from drake_quad.evaluation.experiment import (
     single_vehicle_time,
 )
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily
-from drake_quad.evaluation.protocol import design_family, training_scenarios, tunable_entries
+from drake_quad.evaluation.protocol import design_family, previous_numbers, training_scenarios, tunable_entries
 from drake_quad.evaluation.results import laboratory_with_laps
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
@@ -87,6 +87,22 @@ def copied(diagrams, tmp_path):
     spec = f"{diagrams}/laboratory.yaml:low_wind"
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{spec}', duration: 2.0}}\n", encoding="utf-8")
     return folder, LaboratoryFamily({"low wind": "mine.yaml"}, ("low wind",), "low wind")
+
+
+def test_only_a_design_with_positive_parameters_is_a_starting_point_of_a_new_tuning(copied):
+    folder, family = copied
+    path = folder / "controllers" / "designed" / "mine.yaml"
+    entry = controller_entries(on_board=False, position_networks=True)["pd"]
+    design = entry.geometric_mean()
+    assert previous_numbers(folder, family, path, "pd", entry) is None
+    write_designs(path, {"pd": design}, comments={})
+    expected = [(parameter.low * parameter.high) ** 0.5 for parameter in entry.parameters]
+    assert previous_numbers(folder, family, path, "pd", entry) == pytest.approx(expected, rel=1e-3)
+    # The search varies the logarithms of the parameters, so it cannot start from zero or from a distribution.
+    for gain in (0.0, {"uniform": {"min": 1.0, "max": 2.0}}):
+        design["control"]["position"]["k_d"][2] = gain
+        write_designs(path, {"pd": design}, comments={})
+        assert previous_numbers(folder, family, path, "pd", entry) is None
 
 
 @pytest.mark.long

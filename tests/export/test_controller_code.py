@@ -163,6 +163,24 @@ def test_parameters_can_be_changed_between_steps(tmp_path):
     assert "extern const controller_parameters_t controller_default_parameters;" in header
 
 
+def test_exported_code_names_the_system_that_each_call_computes(tmp_path):
+    source = export_controller(load_scenario("hover"), tmp_path).files[1].read_text()
+    for comment in (
+        "position.pd: The PD law, eq (8).",
+        "thrust_vectoring: Thrust and attitude for a commanded acceleration, eq (7).",
+    ):
+        assert f"    /* {comment} */\n" in source
+
+
+def test_members_of_exported_structs_are_commented_with_their_meaning_and_unit(tmp_path):
+    export_controller(load_scenario("hover"), tmp_path)
+    header = (tmp_path / "controller.h").read_text()
+    lines = {" ".join(line.split()) for line in header.splitlines()}
+    assert "double mass; /* mass of the nominal vehicle, kg */" in lines
+    assert "controller_per_axis_t k_p; /* gains on the position error, 1/s² */" in lines
+    assert "double tan_max_tilt; /* tangent of the largest angle between thrust and vertical */" in lines
+
+
 @pytest.mark.long
 def test_exported_code_allocates_no_memory_and_has_no_global_variables(tmp_path):
     export_controller(asymmetric("pd_t2fnn"), tmp_path)

@@ -63,6 +63,13 @@ def test_systems_with_several_periods_advance_as_in_drake(periods, tmp_path):
         simulator.AdvanceTo((step + 1) * code.interface.period)
 
 
+def test_only_unused_arguments_are_marked_as_unused():
+    code = diagram_code(holds(0.01, 0.02), name="holds", outputs=["total"], output_period=0.02, precision=DOUBLE)
+    assert "(void)parameters;" in code.source
+    assert "inputs->" in code.source
+    assert "(void)inputs;" not in code.source
+
+
 def test_periods_that_are_no_multiples_of_each_other_are_refused():
     with pytest.raises(InputError, match=r"hold_1 cannot be exported: 0.025 s is not a multiple of 0.01 s"):
         diagram_code(holds(0.01, 0.025), name="holds", outputs=["total"], output_period=0.02, precision=DOUBLE)

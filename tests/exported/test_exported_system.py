@@ -1,11 +1,14 @@
 """Tests of the Drake system that runs exported code."""
 
 import json
+import os
 import pickle
+import re
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -15,9 +18,10 @@ from pydrake.systems.framework import Context
 
 from drake_quad import InputError, load_scenario, register_controller
 from drake_quad.export.controller import export_controller
+from drake_quad.exported import machines
 from drake_quad.exported.description import DESCRIPTION_FILE, read_description
 from drake_quad.exported.machines import CROSS_COMPILER, EMULATOR, HostMachine, compile_for_board, has_cross_compiler
-from drake_quad.exported.system import exported_controller
+from drake_quad.exported.system import ExportedController, exported_controller
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -59,10 +63,16 @@ def test_reading_the_output_does_not_change_the_state(folder):
 
 def test_the_kind_survives_pickling(folder):
     kind = register_controller(exported_controller(folder))
+    assert re.fullmatch(r"exported\.controller_[0-9a-f]{8}", kind)
     scenario = load_scenario("hover", [f"control={{kind: {kind}}}"])
     restored = pickle.loads(pickle.dumps(scenario))
     assert restored.control.kind == kind
     assert restored.control.registration_option().startswith("--controller ")
+
+
+def test_the_class_of_a_controller_has_the_docstring_of_its_base_class(folder):
+    """`help` prints only the docstring of the class itself."""
+    assert exported_controller(folder).__doc__ == ExportedController.__doc__
 
 
 def test_code_whose_structs_differ_from_its_description_is_refused(folder, tmp_path):
@@ -127,6 +137,63 @@ def test_a_controller_reads_the_true_state_if_its_code_has_this_input(tmp_path, 
     export_controller(scenario, tmp_path)
     assert signal in read_description(tmp_path).inputs
     assert exported_controller(tmp_path)().reads_true_state == expected
+
+
+FAKE_EMULATOR = """#!{python}
+import sys
+with open("requests", "rb", buffering=0) as requests, open("responses", "wb", buffering=0) as responses:
+    for count in (800, 80):
+        request = requests.read({num_bytes})
+        state, inputs = request[:{num_state_bytes}], request[{num_state_bytes}:]
+        outputs = inputs[:{num_output_bytes}]
+        # The response arrives in two parts.
+        responses.write(outputs)
+        responses.write(state[::-1] + count.to_bytes(4, "little"))
+sys.exit("the board has no more steps")
+"""
+
+
+@pytest.mark.slow
+def test_a_board_exchanges_states_and_outputs_with_its_emulator(folder, tmp_path, monkeypatch):
+    """Programs in Python stand in for the compiler and the emulator. A step of the board reverses the state."""
+    description = read_description(folder)
+    num_input_bytes, num_output_bytes = (8 * sum(ports.values()) for ports in (description.inputs, description.outputs))
+    num_state_bytes = description.state_type.itemsize
+    emulator = FAKE_EMULATOR.format(
+        python=sys.executable,
+        num_bytes=num_state_bytes + num_input_bytes,
+        num_state_bytes=num_state_bytes,
+        num_output_bytes=num_output_bytes,
+    )
+    for name, program in ((CROSS_COMPILER, "#!/bin/sh\n"), (EMULATOR, emulator)):
+        (tmp_path / name).write_text(program)
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    board = machines.EmulatedBoard(folder, "cortex-m4f")
+    generator = np.random.default_rng(0)
+    state, inputs = generator.bytes(num_state_bytes), generator.bytes(num_input_bytes)
+    for _ in range(2):
+        assert board.step(state, inputs) == (state[::-1], inputs[:num_output_bytes])
+    # A count of the board's timer takes 40 ns, and an instruction takes 32 ns.
+    assert board.max_instructions == 800 * 40 // 32
+    with pytest.raises(RuntimeError, match=r"qemu-system-arm ended with status 1: the board has no more steps"):
+        board.step(state, inputs)
+    board.close()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(board._requests)
+
+
+def test_stopping_an_emulation_ends_its_process_and_frees_its_pipes_and_files():
+    """A sleeping process stands in for the emulator."""
+    process = subprocess.Popen(["sleep", "60"], stderr=subprocess.PIPE)
+    pipes, directory = os.pipe(), tempfile.TemporaryDirectory()
+    machines._stop(process, pipes, directory)
+    assert process.returncode == -signal.SIGKILL
+    assert process.stderr.closed
+    for pipe in pipes:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(pipe)
+    assert not Path(directory.name).exists()
 
 
 @pytest.mark.slow

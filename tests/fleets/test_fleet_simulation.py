@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
 
-from drake_quad import load_scenario
+from drake_quad import load_scenario, register_controller
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.scenario.batch import Batch
@@ -101,3 +102,27 @@ def test_a_fleet_flies_for_the_whole_duration_if_one_vehicle_has_not_crashed(sce
 @pytest.mark.slow
 def test_a_simulation_reports_whether_it_is_compiled(scenario):
     assert [simulation_of(scenario, [0], compiled)[1].compiled for compiled in (False, True)] == [False, True]
+
+
+class Free(LeafSystem):
+    """Controller with a state, which is the constant acceleration that it commands."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12 * num_vehicles))
+        self.DeclareVectorInputPort("reference", BasicVector(11 * num_vehicles))
+        state = self.DeclareDiscreteState(np.full(3 * num_vehicles, 0.5))
+        self.DeclareStateOutputPort("acceleration_command", state)
+
+
+@pytest.mark.long
+def test_a_registered_controller_that_cannot_be_compiled_flies_in_a_compiled_fleet(diagrams):
+    kind = register_controller(Free)
+    hover = load_scenario(diagrams / "hover.yaml", [f"control.position={{kind: {kind}, feed_forward: none}}"])
+    fleets = [simulation_of(hover, [0], compiled)[1] for compiled in (False, True)]
+    for fleet in fleets:
+        fleet.fly(0.4)
+    uncompiled, compiled = (fleet.recording()[1]["state"] for fleet in fleets)
+    np.testing.assert_allclose(compiled, uncompiled, rtol=1e-9, atol=1e-12)
+    # The vehicle accelerates upwards as commanded, after the delays of the loop and the lag of the rotors.
+    assert 0.25 * 0.5 < uncompiled[-1, 8] < 0.4 * 0.5

@@ -161,10 +161,13 @@ def test_the_least_recently_used_file_is_deleted_first(folder):
         os.utime(path, (written, written))
     mine = folder / "mine.o"
     mine.write_bytes(bytes(10_000))
+    # The size of a symbolic link is that of the link itself.
+    link = folder / f"kernel_{5:032x}.o"
+    link.symlink_to("mine.o")
     code_cache.read(names[0])
     size = len(OBJECT_CODE) + 32
-    code_cache.prune(folder, 3 * size)
-    assert {*folder.iterdir()} == {mine, *(folder / f"{names[k]}.o" for k in (0, 3, 4))}
+    code_cache.prune(folder, 3 * size + link.lstat().st_size)
+    assert {*folder.iterdir()} == {mine, link, *(folder / f"{names[k]}.o" for k in (0, 3, 4))}
 
 
 def test_a_temporary_file_of_a_killed_process_is_deleted(folder):

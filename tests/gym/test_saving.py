@@ -58,6 +58,15 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_parameter_of_an_activation_is_saved(tmp_path):
+    env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
+    layers = [Layer(np.ones((3, 3)), np.zeros(3), "leaky_relu", 0.3), Layer(np.eye(3), np.zeros(3), "tanh")]
+    path = save_policy(env, layers, tmp_path / "mine.yaml")
+    loaded = load_scenario("figure_eight", layers=[path]).control.policy
+    assert [(layer.activation, layer.alpha) for layer in loaded.layers] == [("leaky_relu", 0.3), ("tanh", None)]
+
+
+@pytest.mark.slow
 def test_a_saved_controller_is_named_after_its_file(tmp_path):
     """`drake-quad compare` prints this name."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})

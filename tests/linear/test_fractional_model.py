@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,16 @@ def test_a_model_reproduces_loops_that_are_polynomials_of_second_degree(matrices
     test_points = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 2))
     assert model.loops(test_points) == pytest.approx(exact_matrices(matrices, test_points), abs=0.06)
     assert model.sizes[0] == 1
+
+
+def test_a_model_is_fitted_at_the_centre_on_the_axes_and_at_the_corners_of_the_box():
+    points = fitting_points(3, np.random.default_rng(1))
+    assert not points[0].any()
+    assert np.abs(points).max() == 1.0
+    for corner in itertools.product((-1.0, 1.0), repeat=3):
+        assert (points == corner).all(axis=1).any()
+    for vertex in np.vstack([np.eye(3), -np.eye(3)]):
+        assert (points == vertex).all(axis=1).any()
 
 
 def test_no_loop_within_the_bound_is_unstable_and_one_just_beyond_it_is(matrices):

@@ -203,6 +203,7 @@ def test_the_old_crazyflie_format_has_the_column_names_of_the_new_format(read):
     np.testing.assert_allclose(record.position[:, 0], 0.5 * np.arange(NUM_SAMPLES))
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 0.2, 0.4])
     assert has_remark(record, "the mapping is crazyflie")
+    assert not has_remark(record, "not read")
 
 
 def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read):

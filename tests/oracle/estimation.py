@@ -59,7 +59,11 @@ class DenseFilter:
         return self.p + error[0:3], self.v + error[3:6], R, self.b_g + error[9:12], self.b_a + error[12:15]
 
     def correct(self, innovation_of, deviations, linearised=None):
-        """Correct by a vector of measurements, and return the normalised squared innovation.
+        """Correct by a vector of measurements, and return the innovations, normalised one after another.
+
+        The normalised innovations are L⁻¹ ν, where ν is the vector of innovations and L is the Cholesky factor of their
+        covariance. Each of them is the part of an innovation that the innovations before it do not predict, divided by
+        the standard deviation of this part.
 
         `innovation_of` is a function of p, v, R, b_g and b_a that returns measured minus predicted values. The
         derivatives are those of the function `linearised`, by default the same function.
@@ -80,4 +84,4 @@ class DenseFilter:
         self.p, self.v, self.R, self.b_g, self.b_a = self.with_error(K @ innovation)
         A = np.eye(15) - K @ H
         self.P = A @ self.P @ A.T + K @ noise @ K.T
-        return float(innovation @ np.linalg.solve(S, innovation))
+        return np.linalg.solve(np.linalg.cholesky(S), innovation)

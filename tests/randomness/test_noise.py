@@ -107,6 +107,17 @@ def test_a_source_can_have_streams_with_different_periods():
     np.testing.assert_array_equal(actual[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
 
 
+def test_the_numbers_in_each_noise_period_are_those_of_its_sample():
+    stream, period = Stream("n", StreamKind.NOISE, 3, GAUSSIAN, 0.01), 0.05
+    samples = Samples(5, [4, 1], later_indices=[[7, 1], [4, 9]], period=period)
+    source = NoiseSource(num_vehicles=2, streams=[stream], noise_period=period, parameters=samples)
+    for tick in range(20):
+        # The last period has no end.
+        indices = [samples.indices, *samples.later_indices][min(tick // 5, 2)]
+        expected = SourceOfOneStream(stream, Samples(5, indices)).at(0.01 * tick)
+        np.testing.assert_array_equal(source_numbers(source, 0.01 * tick), expected)
+
+
 def test_a_context_that_is_reset_to_other_samples_has_the_random_numbers_of_these_samples():
     """Neither other contexts nor the source itself change."""
     streams = [Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", StreamKind.WIND, 1, UNIFORM, 0.02)]

@@ -312,7 +312,11 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(experiment):
     for axes, name in zip(maps, ("pd", "pd_t2fnn"), strict=True):
         shades = axes.collections[0]
         if name == "pd":
-            np.testing.assert_allclose(np.ma.filled(shades.get_array(), np.nan).reshape(3, 2), rmse)
+            np.testing.assert_allclose(np.ma.filled(shades.get_array(), np.nan), rmse)
+            # Each pair of gains is in its cell: k_D is horizontal, and k_P is vertical.
+            corners = shades.get_coordinates()
+            for edges, gains in ((corners[0, :, 0], [0.5, 1.0]), (corners[:, 0, 1], [1.0, 2.0, 4.0])):
+                assert np.searchsorted(edges, gains).tolist() == [*range(1, len(edges))]
             min_rmse = np.nanmin(rmse)
             # The colour scale ends at sixteen times the smallest error.
             assert (shades.norm.vmin, shades.norm.vmax) == pytest.approx((min_rmse, 16.0 * min_rmse))

@@ -54,6 +54,8 @@ FAN_MAPPING = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "fl
         ("vehicle.slung_load", {"mass": 100.0, "length": 0.8}, "100 g are 0.1 kg"),
         ("laboratory.wind", [FAN_MAPPING | {"flow": 9000}], "9000 m³/h are 2.5 m³/s"),
         ("laboratory.wind", [{"kind": "steady", "speed": 90, "heading": 0}], "90 km/h are 25 m/s"),
+        ("laboratory.sensors", [{"kind": "magnetometer", "strength": 48}], "48 µT are 4.8e-05 T"),
+        ("laboratory.sensors", [{"kind": "gyroscope", "full_scale": 2000}], "2000 °/s are 34.91 rad/s"),
         ("control.thrust_vectoring.max_thrust", 180.0, "180 % are 1.8"),
         ("control.attitude",
          {"kind": "indi", "k_p": [9, 9, 9], "k_d": [4, 4, 4], "lag": 70, "bandwidth": 1, "delay_ticks": 20},

@@ -76,6 +76,8 @@ def check_member(kind, name):
     defaults = {field: kind.model_fields[field].default for field in kind.noise}
     noise = {field: [0.5] * len(value) if isinstance(value, tuple) else 0.5 for field, value in defaults.items()}
     imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | noise)
+    parameters = exact.parameters(vehicle)
+    assert type(parameters)._field_defaults["latency_samples"] == parameters.latency_samples == 0.0
     for sensor, noisy in ((exact, False), (imperfect, True)):
         system = sensor.recipe(sensor, vehicle).build(2)
         assert [*system.random_inputs] == ["noise"] * noisy

@@ -213,6 +213,16 @@ def test_a_path_passes_two_gates_that_a_wall_divides_on_the_same_side_of_the_wal
     assert points[:, 1].max() > 2.3
 
 
+def test_the_shortest_route_leads_through_the_piece_of_each_gate_on_its_side_of_the_wall():
+    """A wall divides two gates. Start and end are on the right side of the wall, at y < 1."""
+    space = space_of(Cuboid((2.0, 1.0, 1.0), size=(3.0, 0.1, 2.0)), radius=0.1)
+    grid = collision_free.Grid.of(space, BOUNDS, max_points=2000, min_spacing=0.2)
+    right, left = ([np.array([[x, y, 1.0]]) for x in (0.2, 1.4, 2.6, 3.8)] for y in (0.4, 1.6))
+    problem = PathProblem([Box.point(points[0]) for points in right], limits=LIMITS)
+    pieces = [right[:1], [right[1], left[1]], [left[2], right[2]], right[3:]]
+    np.testing.assert_array_equal(collision_free._pieces_on_shortest_route(space, problem, grid, pieces), right)
+
+
 def test_a_gate_with_almost_no_free_point_is_rejected_with_the_reason():
     """Two spheres leave a gap of 2 mm, and 21 points along 1 m have a spacing of 5 cm."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])

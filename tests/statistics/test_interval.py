@@ -1,5 +1,6 @@
 """Tests of intervals: their arithmetic, and their printed form, which contains the exact interval."""
 
+import itertools
 import math
 import re
 
@@ -57,6 +58,7 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (Interval(-0.001, -1.2, 1.3).text(), "0.0 [-1.2, 1.3]"),
         # The mean of equal values differs from them by a rounding error.
         (Interval(0.1, 0.1 - 1e-17, 0.1 + 2e-17).text(), "0.100 [0.100, 0.100]"),
+        (Interval(0.0, -1e-20, 1.0).text(), "0 [0, 1.0]"),
         (Interval(1.0, 1.0, 1.0).percent(), "100 % [100, 100]"),
         # An end that would be rounded to 100 % gets additional digits.
         (Interval(0.95, 0.9, 0.9996).percent(), "95.00 % [90.00, 99.96]"),
@@ -81,6 +83,8 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (spread_text(441.0), "± 441"),
         (spread_text(math.inf), "± ∞"),
     ],
+    # The names of the tests must not depend on the results. Otherwise, the mutation test does not find them.
+    ids=itertools.count(),
 )
 def test_intervals_are_printed_with_the_right_digits(text, expected):
     assert text == expected

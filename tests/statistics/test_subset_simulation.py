@@ -88,6 +88,8 @@ def test_a_run_counts_its_evaluations_and_keeps_the_samples_with_the_event():
     assert np.all(run.performance >= 0.0)
     assert run.probability == pytest.approx(math.prod(run.fractions[:-1]) * len(run.performance) / 400)
     assert run.fractions[:-1] == (0.1,) * (len(run.levels) - 1)
+    for values, level in zip(run.history[:-1], run.levels[:-1], strict=True):
+        assert np.sum(values > level) < 40 <= np.sum(values >= level)
     assert 1e-5 < run.probability < 1e-3
     # Most samples with the event are near its boundary, and so is their mean.
     assert mean_of(run.points).mean() == pytest.approx(3.96, abs=0.2)

@@ -1,14 +1,19 @@
 """Tests of the metrics of flights as a function of points of the unit cube."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.randomness.streams import parameter_numbers
 from drake_quad.scenario.batch import Batch, coordinates
 from drake_quad.scenario.correlation import shared_stream
 from drake_quad.studies.evaluator import Evaluator
+from drake_quad.studies.processes import Workers
+from drake_quad.studies.worker_pool import ExecutorPool
 
 CORRELATED_DISTRIBUTIONS = {
     "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.02, "min": 0.6, "max": 0.8, "shared": {"a": 0.8}}},
@@ -133,3 +138,15 @@ def test_flights_with_the_same_noise_until_a_period_are_equal_until_then(scenari
 def test_a_noise_period_that_is_no_multiple_of_the_control_period_is_refused(scenario):
     with pytest.raises(InputError, match=r"noise.period is 0.0301 s, but must be a multiple of the period of"):
         Evaluator(scenario, num_vehicles=2, noise_period=0.0301)
+
+
+def test_only_worker_processes_require_systems_that_can_be_pickled(scenario):
+    """The threads of an executor share the systems."""
+    systems = UserSystems(position_controller=lambda num_vehicles: None)
+    with (
+        Workers(1) as workers,
+        pytest.raises(InputError, match="position_controller cannot be sent to worker processes"),
+    ):
+        Evaluator(scenario, user_systems=systems, pool=workers)
+    with ThreadPoolExecutor(1) as executor:
+        Evaluator(scenario, user_systems=systems, pool=ExecutorPool(executor, 1))

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.statistics import subset_simulation
-from drake_quad.studies.risk import Event, estimate_risk
+from drake_quad.studies.risk import MIN_RUNS, Event, estimate_risk
 
 MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 OVERRIDES = ["duration=0.6", MASS_DISTRIBUTION, "laboratory.motion_capture.position_noise=0.003"]
@@ -63,6 +63,9 @@ def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scen
     limited = estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, half_width=1e-3, max_flights=8000)
     assert not limited.is_precise
     assert limited.num_flights >= 8000
+    # Runs that follow the first ones have other random numbers.
+    assert len(limited.runs) > MIN_RUNS
+    assert len({run.performance.tobytes() for run in limited.runs}) == len(limited.runs)
     with pytest.raises(InputError, match=r"1,000 flights are enough for \d runs?, but an interval needs 6"):
         estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, max_flights=1000)
 

@@ -82,7 +82,9 @@ def test_the_loop_of_a_nyquist_plot_stays_outside_the_disk_and_touches_it(design
         expected = response_of(loop, frequency)
         distances = np.abs(expected[:, None] - curve).min(axis=1)
         assert (distances < 0.05 * np.maximum(np.abs(expected), 0.1)).all()
-        np.testing.assert_allclose(np.abs(axes.lines[1].get_xydata() @ [1.0, 1j]), 1.0)
+        circle = axes.lines[1].get_xydata() @ [1.0, 1j]
+        np.testing.assert_allclose(np.abs(circle), 1.0)
+        assert circle[0] == pytest.approx(circle[-1])
         corners = axes.patches[0].get_xy()
         low, high = corners[:, 0].min(), corners[:, 0].max()
         alpha = loop.margins.disk

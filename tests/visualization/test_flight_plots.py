@@ -311,7 +311,8 @@ def mean_speed(flight, x, y, z):
 @pytest.mark.slow
 def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     """The fan blows along its axis; far from the fan, there is only the steady wind."""
-    above, side, *_ = plot_wind(windy).axes
+    figure = plot_wind(windy)
+    above, side, *_ = figure.axes
     reference, state = windy.record("reference"), windy.record("state")
     long, short = ("y", "x") if side.get_xlabel() == "Y (m)" else ("x", "y")
     assert (above.get_xlabel(), above.get_ylabel()) == ("X (m)", "Y (m)")
@@ -338,6 +339,10 @@ def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     # The vertical plane contains the longer side of the region.
     lengths = np.ptp(above.collections[0].get_coordinates(), axis=(0, 1))
     assert long == "xy"[int(np.argmax(lengths))]
+    # The figure is about as high as both maps in its full width.
+    width, height = figure.get_size_inches()
+    maps_height = sum(width * np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim()) for axes in (above, side))
+    assert height == pytest.approx(maps_height, rel=0.15)
 
 
 def test_a_fan_is_a_bar_across_its_direction(windy):

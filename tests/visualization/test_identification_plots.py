@@ -67,6 +67,8 @@ def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identificat
     # The one-sided spectral density of white noise, divided by its variance, is twice the sampling period.
     assert density.mean() == pytest.approx(2.0 * 0.04, rel=0.2)
     assert legends(figure) == [output.name for output in identification.outputs]
+    labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in (left, right)]
+    assert labels == [("lag (s)", "autocorrelation (1)"), ("frequency (Hz)", "spectral density over variance (s)")]
 
 
 def test_the_thrust_has_a_confidence_band_from_its_covariance(identification):

@@ -1,4 +1,7 @@
-"""Tests that every axis of a figure has a label with a unit, and that every legend identifies the curves."""
+"""Tests of labels, legends and heights of figures.
+
+Every axis of a figure has a label with a unit, every legend identifies the curves, and every row of panels is legible.
+"""
 
 import pytest
 from figure_content import legends
@@ -158,6 +161,12 @@ STUDY_FIGURES = {
 }
 
 
+def row_height(figure):
+    """Return the height of a figure divided by its number of rows of panels, inches."""
+    places = [axes.get_subplotspec() for axes in figure.axes]
+    return figure.get_size_inches()[1] / max(place.get_gridspec().nrows for place in places if place is not None)
+
+
 def labels(figure):
     return [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
 
@@ -169,10 +178,11 @@ def flight():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHT_FIGURES)
-def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
+def test_panels_of_a_flight_have_labels_titles_legends_and_a_legible_height(name, flight):
     draw, expected, words = FLIGHT_FIGURES[name]
     figure = draw(flight)
     assert labels(figure) == expected
+    assert row_height(figure) >= 1.5
     assert sorted(legends(figure)) == sorted(words)
     titles = [figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("center", "left"))]
     assert [title for title in titles if title] == TITLES[name]
@@ -188,9 +198,11 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
 
 
 @pytest.mark.parametrize("name", STUDY_FIGURES)
-def test_axes_of_studies_have_labels(name):
+def test_panels_of_studies_have_labels_and_a_legible_height(name):
     draw, expected = STUDY_FIGURES[name]
-    assert labels(draw()) == expected
+    figure = draw()
+    assert labels(figure) == expected
+    assert row_height(figure) >= 1.5
 
 
 @pytest.mark.long

@@ -402,6 +402,13 @@ def test_a_trail_appears_piece_by_piece(flights):
             )
 
 
+@pytest.mark.slow
+def test_the_trail_of_a_flight_shorter_than_a_frame_is_invisible_at_first():
+    scene = Scene()
+    draw_replay(scene, {"short": simulate(load_scenario("figure_eight", ["duration=0.02"]))})
+    assert scene.animation.properties["/short_trail/0", "visible"] == {0: False, 1: True}
+
+
 def test_the_trail_of_a_single_flight_has_the_colours_of_its_errors(flights):
     scene = Scene()
     flight = flights["first one"]
