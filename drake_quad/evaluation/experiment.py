@@ -353,9 +353,8 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
     batch = Batch.draw(scenario, [*samples] * len(frames))
     latency = batch.varying.get(LATENCY, scenario.laboratory.motion_capture.latency_frames)
     plan = plan_route(scenario)
-    fleet = simulate_fleet(
-        batch.with_varying({LATENCY: latency + np.repeat(frames, len(samples)).astype(float)}), plan, compiled=True
-    )
+    delayed = batch.with_varying({LATENCY: latency + np.repeat(frames, len(samples)).astype(float)})
+    fleet = simulate_fleet(delayed, plan, record=False, compiled=True)
     fleet.fly(flight_duration(scenario, plan))
     crashed = fleet.metrics().crashed.reshape(len(frames), -1).any(axis=1)
     if not crashed.any():

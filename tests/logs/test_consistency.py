@@ -21,6 +21,7 @@ from drake_quad.logs.consistency import (
     _shift,
     _size_of_force,
     _tilt,
+    clock_shifts,
     inconsistencies,
 )
 from drake_quad.logs.faults import faults
@@ -356,6 +357,16 @@ def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
         signals = {"attitude": np.zeros((len(TIME), 3)), "velocity": velocity, "specific_force": force}
         (remark,) = inconsistencies(signals, TIME)
         assert re.match(rf"specific_force is (99|100|101) ± \d ms {words} the acceleration and the tilt: ", remark)
+
+
+def test_the_lag_of_body_rates_is_estimated_only_where_they_match_the_attitude():
+    signals, late = flight(noise=0.1), np.maximum(TIME - 0.03, 0.0)
+    rates = np.column_stack([np.interp(late, TIME, axis) for axis in signals["body_rates"].T])
+    lags = clock_shifts({"attitude": signals["attitude"], "body_rates": rates}, TIME)
+    assert len(lags) == 7
+    np.testing.assert_allclose(lags, 0.03, atol=0.005)
+    # The rates of a gyroscope with half the true scale do not match.
+    assert not len(clock_shifts({"attitude": signals["attitude"], "body_rates": 0.5 * rates}, TIME))
 
 
 @pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])

@@ -60,7 +60,8 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (Interval(0.1, 0.1 - 1e-17, 0.1 + 2e-17).text(), "0.100 [0.100, 0.100]"),
         (Interval(0.0, -1e-20, 1.0).text(), "0 [0, 1.0]"),
         (Interval(1.0, 1.0, 1.0).percent(), "100 % [100, 100]"),
-        # An end that would be rounded to 100 % gets additional digits.
+        # An end that would be rounded to zero or to 100 % gets additional digits.
+        (Interval(0.05, 0.0004, 0.1).text(), "0.0500 [0.0004, 0.1000]"),
         (Interval(0.95, 0.9, 0.9996).percent(), "95.00 % [90.00, 99.96]"),
         # Some estimates have no interval, and some have an unbounded interval.
         (Interval(0.5, math.nan, math.nan).percent(), "50.0 %"),
