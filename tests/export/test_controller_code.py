@@ -166,8 +166,8 @@ def test_parameters_can_be_changed_between_steps(tmp_path):
 def test_exported_code_names_the_system_that_each_call_computes(tmp_path):
     source = export_controller(load_scenario("hover"), tmp_path).files[1].read_text()
     for comment in (
-        "position.pd: The PD law, eq (8).",
-        "thrust_vectoring: Thrust and attitude for a commanded acceleration, eq (7).",
+        "position.pd: The PD law, eq (8) of the paper.",
+        "thrust_vectoring: Thrust and attitude for a commanded acceleration, eq (7) of the paper.",
     ):
         assert f"    /* {comment} */\n" in source
 
