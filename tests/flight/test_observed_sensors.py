@@ -87,7 +87,7 @@ def test_the_bias_of_an_observed_gyroscope_shifts_the_hover(scenario):
 @pytest.mark.parametrize(
     ("signals", "message"),
     [
-        (["acelerometer"], r"signals\.0 is 'acelerometer', but must be position, .*action, or a signal of a sensor"),
+        (["accelerometr"], r"signals\.0 is 'accelerometr', but must be position, .*action, or a signal of a sensor"),
         (["wind", "barometer"], r"signals\.1 is 'barometer', but must be a signal of a sensor in .*gyroscope_2"),
         (["gyroscope_3"], r"signals\.0 is 'gyroscope_3', but must be a signal of a sensor in laboratory\.sensors"),
         (["barometer_valid"], r"signals\.0 is 'barometer_valid', but must be a signal of a sensor"),
