@@ -196,7 +196,8 @@ def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     latency_frames, recorded = scenario.laboratory.motion_capture.latency_frames, []
 
-    def simulate(batch, plan, *, compiled):
+    def simulate(batch, plan, *, record, compiled):
+        assert not record
         extra_frames = batch.varying[experiment.LATENCY] - latency_frames
         recorded.append((extra_frames.tolist(), batch.samples))
         # Only one of the samples crashes.
