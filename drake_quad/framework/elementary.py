@@ -118,21 +118,25 @@ def log1p(x: Row) -> Row:
 
 
 def maximum(x: Row, y: Row) -> Row:
-    """Return the larger of x and y, or y where x is NaN."""
+    """Return the larger of x and y, or y where one of them is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x > y else y
     if x.__class__ is Symbol or y.__class__ is Symbol:
         return where(x > y, x, y)
-    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else _of_one_type(np.fmax(x, y))
+    if _is_symbolic(x) or _is_symbolic(y):
+        return _maximum_of_objects(x, y)
+    return _of_one_type(np.where(np.greater(x, y), x, y)[()])
 
 
 def minimum(x: Row, y: Row) -> Row:
-    """Return the smaller of x and y, or y where x is NaN."""
+    """Return the smaller of x and y, or y where one of them is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x < y else y
     if x.__class__ is Symbol or y.__class__ is Symbol:
         return where(x < y, x, y)
-    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else _of_one_type(np.fmin(x, y))
+    if _is_symbolic(x) or _is_symbolic(y):
+        return _minimum_of_objects(x, y)
+    return _of_one_type(np.where(np.less(x, y), x, y)[()])
 
 
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:

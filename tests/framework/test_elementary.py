@@ -82,9 +82,11 @@ def test_maximum_and_minimum_accept_all_scalar_types(function, expected):
     for value, other in ((1.0, 2.0), (2.0, 1.0)):
         assert function(Expression(variable), other).Evaluate({variable: value}) == expected
         assert function(np.array([Expression(variable)]), other)[0].Evaluate({variable: value}) == expected
-    # If the first argument is NaN, the functions return the second one.
-    assert function(math.nan, 1.5) == 1.5
-    np.testing.assert_array_equal(function(np.array([math.nan]), 1.5), 1.5)
+    # If one argument is NaN, the functions return the second one, as compiled formulas do.
+    for first, second in ((math.nan, 1.5), (1.5, math.nan)):
+        np.testing.assert_array_equal(function(first, second), second)
+        np.testing.assert_array_equal(function(np.array([first]), second), second)
+        np.testing.assert_array_equal(function(first, np.array([second])), second)
 
 
 @pytest.mark.parametrize("angle", [-10.0, -3.2, -1.0, 0.0, 2.0, 3.2, 100.0])
