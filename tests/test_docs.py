@@ -134,7 +134,7 @@ def test_every_scenario_of_the_pages_loads(block, linked_folder):
 def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
     if "qemu" in block and shutil.which(EMULATOR) is None:
         pytest.skip("no QEMU")
-    for line in block.splitlines():
+    for line in block.replace("\\\n", "").splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":
             # PYTHON is given, so that make does not search for installed versions of Python.
