@@ -67,9 +67,7 @@ def jackknife(
     """Return the uncertainty of p parameters, estimated by the jackknife over B blocks.
 
     Each variance is at least the corresponding variance in `Uncertainty.model_covariance`, and each parameter has at
-    least one degree of freedom. If the variance for a correct model is f times the jackknife variance and f > 1, the ν
-    degrees of freedom increase to f² ν (F. E. Satterthwaite, Biometrics Bulletin 2, 1946), since the difference is not
-    estimated from the blocks. They increase to at most ν², because few blocks cannot show that the model is correct.
+    least one degree of freedom.
 
     Args:
         information: (B, p, p) information of the blocks.
@@ -82,7 +80,7 @@ def jackknife(
     total = information.sum(axis=0) + np.diag(prior_information)
     shifts = (pseudo_inverse(total - information, total) @ scores[:, :, None])[:, :, 0]
     inverse = pseudo_inverse(total, total)
-    degrees_of_freedom = np.maximum(effective_blocks(information, inverse) - 1.0, 1.0)
+    degrees_of_freedom = effective_blocks(information, inverse) - 1.0
     squares = shifts.T @ shifts
     if adjacent:
         neighbours = shifts[:-1].T @ shifts[1:]
@@ -91,14 +89,9 @@ def jackknife(
     variances, model_variances = np.diag(covariance), np.diag(inverse)
     # The jackknife variance is too small if the blocks give similar estimates by chance. The variance for a correct
     # model is therefore the lower limit.
-    increases = np.maximum(1.0, ratio(model_variances, variances, 1.0))
-    factors = np.sqrt(increases)
+    factors = np.sqrt(np.maximum(1.0, ratio(model_variances, variances, 1.0)))
     covariance = np.where(np.eye(len(variances), dtype=bool) & (variances <= 0.0), model_variances, covariance)
-    return Uncertainty(
-        covariance * np.outer(factors, factors),
-        degrees_of_freedom * np.minimum(increases**2, degrees_of_freedom),
-        inverse,
-    )
+    return Uncertainty(covariance * np.outer(factors, factors), np.maximum(degrees_of_freedom, 1.0), inverse)
 
 
 def ratio(numerator: np.ndarray, denominator: np.ndarray, default: float) -> np.ndarray:

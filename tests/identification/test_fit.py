@@ -812,28 +812,3 @@ def test_the_disturbance_is_reduced_again_as_long_as_the_likelihood_increases(
     assert predictor.rounds == 8
     torque, force = fitting._TORQUE_REDUCTION, fitting._FORCE_REDUCTION
     assert tried == [torque, force, torque, torque, torque, force]
-
-
-@pytest.mark.parametrize(("num_blocks", "true_ratio"), [(10, 1.0), (10, 2.0), (4, 1.0), (4, 4.0)])
-def test_intervals_cover_at_least_95_percent_whether_or_not_the_model_is_correct(num_blocks, true_ratio) -> None:
-    """The variance of the true errors is a multiple of the variance for a correct model. Blocks are independent."""
-    rng, inside = np.random.default_rng(5), []
-    for _ in range(2000):
-        errors = np.sqrt(true_ratio) * rng.normal(size=num_blocks)
-        mean = errors.mean()
-        uncertainty = jackknife(np.ones((num_blocks, 1, 1)), (errors - mean)[:, None])
-        half_width = scipy.stats.t.ppf(0.975, uncertainty.degrees_of_freedom[0]) * np.sqrt(uncertainty.covariance[0, 0])
-        inside.append(abs(mean) < half_width)
-    assert 0.95 < np.mean(inside) < 0.99
-
-
-def test_degrees_of_freedom_increase_if_the_jackknife_variance_is_below_the_variance_for_a_correct_model() -> None:
-    information = np.ones((5, 1, 1))
-    jackknife_variance = 4.0 / 5.0 * 4.0 * (0.5 / 4.0) ** 2  # four blocks have scores of ±0.5, and one has none
-    scores = np.array([0.5, -0.5, 0.5, -0.5, 0.0])[:, None]
-    ratio = 0.2 / jackknife_variance
-    assert ratio**2 > 4.0  # so the limit ν² = 16 applies
-    assert jackknife(information, scores).degrees_of_freedom == pytest.approx(16.0)
-    larger = jackknife(information, 1.7 * scores)
-    assert larger.degrees_of_freedom == pytest.approx(4.0 * (ratio / 1.7**2) ** 2)
-    assert jackknife(information, 2.5 * scores).degrees_of_freedom == pytest.approx(4.0)
