@@ -67,7 +67,8 @@ _MAX_MODE_FREQUENCY = 60.0
 _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # Fraction of the phase margin that the integral gains of a PID may cost by default.
 _DEFAULT_INTEGRAL_FRACTION = 0.15
-# A larger hover offset, m, causes a remark. The position errors of the shipped flights are 1 to 10 cm.
+# The command prints a remark if the steady position error in hover exceeds this limit, m. The limit is the lower end of
+# the position errors of the shipped flights, which are 1 to 10 cm.
 _MAX_HOVER_OFFSET = 0.01
 # Smallest and largest values of options: margins in degrees, dB and ticks, and a fraction of the phase margin.
 _RANGES = {

@@ -37,7 +37,7 @@ class Topology:
 
     Attributes:
         leaves: leaf systems, by path.
-        outputs: leaf system's port behind each output port of the diagram, by the name of the diagram's port.
+        outputs: for the name of each output port of the diagram, the output port of the leaf system that computes it.
     """
 
     def __init__(self, diagram: Diagram) -> None:

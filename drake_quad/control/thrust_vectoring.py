@@ -76,7 +76,7 @@ class VectoringOutput(NamedTuple):
     Attributes:
         thrust: thrust F_z.
         attitude_command: commanded roll φ_r, pitch θ_r and yaw ψ_r.
-        body_rate_command: body rates at which the thrust direction follows the jerk and the yaw rate of the reference.
+        body_rate_command: body rates that produce the jerk and the yaw rate of the reference.
         angular_acceleration_command: time derivatives of these body rates.
     """
 

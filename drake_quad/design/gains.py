@@ -212,11 +212,15 @@ class OutputRegulator(NamedTuple):
     def _cost_and_slope(self, plant: SampledSystem, gains: AxisPdGains, effort: float) -> tuple[float, np.ndarray]:
         """Return the cost of a PD, and its derivatives with respect to k_P and k_D.
 
-        The closed loop is F = A - B K C, with the gains K. The cost is Bᵀ P B, and its derivative is 2 (K C / effort² -
-        Bᵀ P F) Q Cᵀ, where P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ and Q = Σ Fᵏ B Bᵀ Fᵏᵀ (W. S. Levine and M. Athans,
-        "On the determination of the optimal constant output feedback gains for linear multivariable systems", IEEE
-        Transactions on Automatic Control, 1970). Each step doubles the number of terms of the sums (R. A. Smith,
-        "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
+        The cost is that of the class, Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the input.
+        With W = Cᵀ diag(1, rate_time²) C, the gains K and the closed loop F = A - B K C,
+
+            cost = Bᵀ P B                                    P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ
+            d cost / dK = 2 (K C / effort² - Bᵀ P F) Q Cᵀ    Q = Σ Fᵏ B Bᵀ Fᵏᵀ
+
+        (W. S. Levine and M. Athans, "On the determination of the optimal constant output feedback gains for linear
+        multivariable systems", IEEE Transactions on Automatic Control, 1970). Each iteration doubles the number of
+        terms of the two sums (R. A. Smith, "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
         """
         feedback = np.array([gains]) @ plant.C
         power = closed = plant.A - plant.B @ feedback

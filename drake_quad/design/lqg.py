@@ -384,7 +384,8 @@ def flight_conditions(scenario: Scenario) -> Conditions:
     )
     bias = gravity * float(np.sqrt((disturbed.angular_acceleration**2).mean()))
     if scenario.laboratory.autopilot.models_vehicle:
-        bias = 0.0  # an identified attitude response describes the whole angular motion
+        # An identified attitude response replaces the rotational dynamics, so no disturbing torque acts.
+        bias = 0.0
     return Conditions(
         lateral,
         vertical,

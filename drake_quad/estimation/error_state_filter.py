@@ -347,7 +347,10 @@ def _with_new_block(
     gyroscope: BodyRates,
     begins: Any,
 ) -> ErrorStateFilterState:
-    """Return the state with an empty current block, if a block begins at this sample."""
+    """If a block of samples begins at this sample, return the filter's state with an empty current block.
+
+    Otherwise, the state is returned unchanged.
+    """
     estimate = memory.estimate
     empty = NO_INCREMENT._replace(
         gyroscope_bias=estimate.gyroscope_bias,

@@ -96,7 +96,7 @@ class FormulaFunctions:
         return shared._replace(arguments=tuple(arguments))
 
     def _trace(self, path: str, label: str, computation: Computation, absent: set[int]) -> FormulaFunction:
-        """Trace the formula of a computation, append its C function to `texts`, and return it."""
+        """Trace the formula of a computation, append the text of its C function to `texts`, and return the function."""
         listing = Listing(calls_functions=True)
         arguments: list[Argument] = []
         values: list[Any] = []

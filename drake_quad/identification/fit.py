@@ -349,8 +349,8 @@ def _best_point(
     first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
     if np.isfinite(min_likelihood):
         point, residuals, _ = evaluate(first)
-        # If the errors are linear in the parameters, the fit reduces all condensed residuals to zero except the last
-        # one, which does not depend on the parameters.
+        # `residuals` are the p + 1 residuals that `_condensed` returns. If the prediction errors are linear in the
+        # parameters, the fit reduces all of them to zero except the last, which does not depend on the parameters.
         predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
         if point.likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
             return point

@@ -4,10 +4,10 @@ The formulas are those of the simulation: `flying_step`, or `attitude_response_s
 attitude loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once.
 
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
-B (for an attitude response, accelerations of the angles). The force is constant during a step: along the axes of W if
-positions, attitudes or velocities are measured, otherwise along the axes of B. The axes of W are preferred, since a
-vehicle leans into the wind: along the axes of B, the force of a constant wind would have a constant component along the
-thrust.
+B (for an attitude response, accelerations of the angles). During a step, the components of the specific force are
+constant. They are components along the axes of W if the log contains positions, attitudes or velocities, and along the
+axes of B otherwise. The axes of W are preferred, since a vehicle leans into the wind: along the axes of B, the force of
+a constant wind would have a constant component along the thrust.
 
 Commands act after a delay. A command that is constant between samples and delayed by n + f samples has the mean
 

@@ -390,7 +390,11 @@ def metric_accumulators(kind: type[Metrics]) -> tuple[Accumulator, ...]:
 
 
 def recorded_metrics(kind: type[Metrics]) -> dict[str, Metric]:
-    """Return the metrics of a class from `metrics_type` that are computed from a recorded flight, by name."""
+    """Return the metrics, by name, that require a recorded flight because they have no accumulator.
+
+    Args:
+        kind: class from `metrics_type`.
+    """
     return {name: metric for name, metric in metric_definitions(kind).items() if metric.accumulator is None}
 
 

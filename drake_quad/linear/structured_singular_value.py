@@ -37,7 +37,8 @@ _MIN_BOUND = 1e-6  # smallest bound that is computed, in place of zero
 _CIRCLE_TOLERANCE = 1e-3
 # Largest number of pole frequencies at which scalings are computed first.
 _NUM_FIRST_FREQUENCIES = 24
-# Largest number of further frequencies at which scalings are computed, until the bound holds at all frequencies.
+# Largest number of further frequencies at which scalings D and G are computed. The computation ends earlier if the
+# scalings prove the bound at all frequencies.
 _MAX_FREQUENCIES = 400
 _MIN_GAP = 1e-9  # rad; a narrower gap between two intervals of frequencies is a rounding error
 

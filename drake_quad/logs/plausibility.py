@@ -7,7 +7,7 @@ import numpy as np
 # The following signals vary in any flight, so a signal that is zero in the whole log was probably not measured.
 _NONZERO_SIGNALS = ("position", "velocity", "attitude", "body_rates", "specific_force")
 # A step of the position counts as a jump if it exceeds all three limits.
-_MIN_JUMP = 0.1  # m
+_MIN_POSITION_JUMP = 0.1  # m
 _MAX_ACCELERATION = 500.0  # m/s², more than any quadrotor reaches
 _MAX_NOISE_RATIO = 8.0  # largest step that noise can cause, relative to the median step
 _MIN_FLIGHT_HEIGHT = 0.25  # m; a vehicle that stays below this height may be standing on the ground
@@ -34,7 +34,7 @@ def position_jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
     )
     size = np.minimum(before, after)
     plausible = np.maximum(_MAX_NOISE_RATIO * np.median(size), _MAX_ACCELERATION * durations[1:-1] ** 2)
-    jump_indices = np.flatnonzero(size > np.maximum(_MIN_JUMP, plausible))
+    jump_indices = np.flatnonzero(size > np.maximum(_MIN_POSITION_JUMP, plausible))
     if len(jump_indices):
         count_text = "once" if len(jump_indices) == 1 else f"{len(jump_indices):,} times"
         worst = jump_indices[np.argmax(size[jump_indices])]

@@ -67,10 +67,11 @@ def published_ratios() -> tuple[float, float]:
 
 
 def published_scatter() -> float:
-    """Return the typical factor between a printed effort ratio and its expected value, due to the scatter of the runs.
+    """Return the geometric standard deviation of a printed effort ratio, which is due to the scatter of the runs.
 
-    Both efforts in a ratio are means of three runs. The factor follows from the standard deviation of the logarithms of
-    the printed runs, pooled over all lines of the table with three runs.
+    A printed ratio typically differs by this factor from its expected value. Both efforts in a ratio are means of three
+    runs. The factor follows from the standard deviation of the logarithms of the printed runs, pooled over all lines of
+    the table with three runs.
     """
     printed = [each.runs for line in published_table().values() for each in (line.effort_x, line.effort_y)]
     variance = float(np.nanmean([np.var(np.log(runs), ddof=1) for runs in printed]))

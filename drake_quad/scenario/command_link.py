@@ -1,4 +1,4 @@
-"""Command link of the scenario language."""
+"""Command link in the scenario language."""
 
 from typing import Any
 

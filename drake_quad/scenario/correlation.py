@@ -294,9 +294,11 @@ def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
 
 
 def _agrees(weights: np.ndarray, correlation: np.ndarray) -> bool:
-    """Return whether the weights reproduce the variance of every weighted sum of the correlated quantities.
+    """Return whether the weights (n, k) of the shared variables reproduce a correlation matrix (n, n).
 
-    The tolerances are `_VARIANCE_TOLERANCE` and, for sums with almost no variance, `_MIN_VARIANCE`.
+    The correlation matrix that follows from the weights is accepted if every linear combination of the quantities has
+    the same variance with both matrices. The relative tolerance is `_VARIANCE_TOLERANCE`. For combinations with almost
+    no variance, `_MIN_VARIANCE` is added to the reference.
     """
     achieved = weights @ weights.T
     np.fill_diagonal(achieved, 1.0)

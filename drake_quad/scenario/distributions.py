@@ -1,4 +1,4 @@
-"""Distributions of the scenario language, any of which can replace the value of a physical quantity."""
+"""Distributions in the scenario language, any of which can replace the value of a physical quantity."""
 
 import math
 import re

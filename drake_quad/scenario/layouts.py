@@ -1,4 +1,4 @@
-"""Rotor layouts of the scenario language."""
+"""Rotor layouts in the scenario language."""
 
 from abc import abstractmethod
 from collections.abc import Callable

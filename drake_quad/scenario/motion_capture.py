@@ -1,4 +1,4 @@
-"""Motion capture of the scenario language."""
+"""Motion capture in the scenario language."""
 
 from typing import Annotated, Any, ClassVar
 

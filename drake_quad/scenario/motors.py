@@ -1,4 +1,4 @@
-"""Motors of the scenario language."""
+"""Motors in the scenario language."""
 
 from typing import Annotated, ClassVar, Literal
 

@@ -54,10 +54,12 @@ class Plausible:
 
 @dataclass(frozen=True)
 class PlausibleDelay:
-    """Plausible range of a delay in ticks, as metadata of its annotation. A longer delay was probably given in ms.
+    """Plausible range of a field that counts a delay in ticks. A longer delay was probably given in ms.
+
+    The range is part of the field's type, as in `Annotated[Number, PlausibleDelay(upper=0.3)]`.
 
     Attributes:
-        upper: largest plausible delay, s.
+        upper: largest plausible product of delay and tick period, s.
     """
 
     upper: float
@@ -124,7 +126,7 @@ PLAUSIBLE_DELAY = PlausibleDelay(upper=0.3)
 PLAUSIBLE_RELATIVE_ERROR = not_in_percent(upper=1.0)
 """Range of relative errors, up to 100 %."""
 PLAUSIBLE_LAG = not_in_milliseconds(upper=2.0)
-"""Range of the lags of rotors, thrust and attitude. The rotors of 20 kg vehicles have lags of about 0.3 s."""
+"""Range of the lags of rotors, thrust and attitude, up to 2 s. Rotors of 20 kg vehicles have lags of about 0.3 s."""
 PLAUSIBLE_POSITION_NOISE = not_in_millimetres(upper=0.3)
 """Range of position noise. Motion capture has a noise of 1 mm, and corrected satellite navigation one of 20 mm."""
 PLAUSIBLE_ATTITUDE_NOISE = not_in_degrees(upper=0.2)

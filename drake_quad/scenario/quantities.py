@@ -1,4 +1,4 @@
-"""Physical quantities of the scenario language: bounded numbers, or distributions within the bounds."""
+"""Physical quantities in the scenario language: bounded numbers, or distributions within the bounds."""
 
 import math
 import operator

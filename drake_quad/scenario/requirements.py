@@ -1,4 +1,4 @@
-"""Requirements of the scenario language, based on signal temporal logic."""
+"""Requirements in the scenario language, based on signal temporal logic."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Space of the scenario language: obstacles, and the clearance between plan and obstacles."""
+"""Space in the scenario language: obstacles, and the clearance between plan and obstacles."""
 
 import re
 import warnings

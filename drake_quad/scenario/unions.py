@@ -1,4 +1,4 @@
-"""Extensible unions and extensible optional fields of the scenario language.
+"""Extensible unions and extensible optional fields in the scenario language.
 
 The members of a union are models that the field `kind` distinguishes. The members of open fields are the models of
 these fields. Once a member has been registered, the language, its schema and its documentation contain it. Code outside

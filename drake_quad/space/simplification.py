@@ -23,8 +23,9 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.space.shapes import convex_hull
 
-# Largest allowed growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by
-# 2.5 %. The hull of a drone's mesh, which has flat sides, grows by less than 1 %.
+# Largest allowed growth when a hull is replaced by one with fewer corners that contains it. The growth is the largest
+# distance between the two hulls, relative to the size of the hull. If the hull of a finely meshed sphere is simplified
+# to 100 corners, it grows by 2.5 %. The hull of a drone's mesh, which has flat sides, grows by less than 1 %.
 MAX_GROWTH = 0.05
 # Largest number of candidate corners. If a hull has more corners, the candidates are the extreme corners along this
 # number of directions.

@@ -28,7 +28,8 @@ from drake_quad.studies.worker_pool import WorkerPool
 # The search maximises the badness of a flight: the metric, or its negative if smaller values are worse.
 _CRASH_BADNESS = 1e9  # badness of a crash at the end of a flight, which exceeds the badness of any metric
 _MAX_METRIC = 0.5e9  # larger metrics, also infinite ones, are replaced with this magnitude
-# Largest magnitude of a mean of finite metrics. If one metric of 100 flights is infinite, their mean is about 5e6.
+# A mean over several flights with a larger magnitude is reported as infinite. If the metric of one of 100 flights is
+# infinite, its replacement `_MAX_METRIC` alone contributes 5e6 to the mean.
 _MAX_MEAN_METRIC = 4e6
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""

@@ -103,7 +103,8 @@ class Event(NamedTuple):
         if np.isnan(values).any():
             raise InputError(f"{self.metric} is not defined in every flight, so it cannot define an event")
         distances = np.asarray(self.sign * (values - self.bound))
-        # The event does not include its bound, so that a requirement with the robustness 0 is satisfied.
+        # A flight whose metric equals the bound does not count as an event. For example, the event `stays_near < 0`
+        # excludes flights with the robustness 0, since these satisfy the requirement.
         return np.where(distances == 0.0, _PERFORMANCE_AT_BOUND, distances)
 
     def value(self, performance: np.ndarray) -> np.ndarray:

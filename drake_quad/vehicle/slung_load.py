@@ -107,7 +107,10 @@ def rod_force(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
 
 
 def rod_rates(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Rod:
-    """Return q̇ in 1/s and q̈ in 1/s²; the arguments are as in `rod_force`."""
+    """Return the first and second derivatives of the rod's direction q in W: q̇ in 1/s, and q̈ in 1/s².
+
+    The arguments are those of `rod_force`.
+    """
     q = rod.direction
     inverse = -1.0 / (mass * load.length)
     along = dot(force, q) * inverse + dot(rod.rate, rod.rate)

@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-# Two curves overlap if their distance is below this value, in points, over more than `_MIN_OVERLAP` of their length.
-_MAX_SEPARATION = 1.2  # points
-_MIN_OVERLAP = 0.25  # fraction of the length of the curves
+# Two curves overlap if the distance between them is below `_OVERLAP_DISTANCE` at more than this fraction of the
+# abscissas.
+_MIN_OVERLAP = 0.25
+_OVERLAP_DISTANCE = 1.2  # typographic points, 1/72 inch
 # Dashes of overlapping curves, and the gaps between them, are multiples of this length, in line widths.
 _DASH_LENGTH = 5.0
 
@@ -45,7 +46,7 @@ def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
         return False
     distance = np.linalg.norm(axes.transData.transform(a) - axes.transData.transform(b), axis=1)
     points = distance * 72.0 / axes.figure.dpi
-    return bool(np.mean(points < _MAX_SEPARATION) > _MIN_OVERLAP)
+    return bool(np.mean(points < _OVERLAP_DISTANCE) > _MIN_OVERLAP)
 
 
 def quantiles_over_flights(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:

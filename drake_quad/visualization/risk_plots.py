@@ -14,7 +14,10 @@ _MAX_COORDINATES = 12  # largest number of random numbers in a chart
 
 
 def plot_exceedance(risk: Risk) -> Figure:
-    """Plot the probability that the metric is beyond a threshold, with its 95 % band, and the event."""
+    """Plot the probability that the metric is beyond a threshold, with its 95 % band, over the threshold.
+
+    A marker with an error bar shows the probability of the event whose risk was estimated.
+    """
     definition = metric_definitions(risk.scenarios[0].metrics_type)[risk.event.metric]
     first = risk.event.value(np.concatenate([run.history[0] for run in risk.runs]))
     finite = first[np.isfinite(first)]

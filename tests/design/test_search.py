@@ -253,7 +253,10 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_round
 
 
 def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, stub_flights):
-    """The first round checks four times as many candidates. The three local searches check every step."""
+    """The limit is checked for 16 candidates in the first round, and for 4 candidates in each of two further rounds.
+
+    Three local searches follow, in which the limit is checked at every step.
+    """
     record = stub_flights(quadratic_error)
     checked = []
     num_checked = []

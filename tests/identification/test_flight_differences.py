@@ -1,4 +1,4 @@
-"""Tests of the thrust, trim force and wind of single flights, and of their distribution for the next flight."""
+"""Tests of the thrust, trim force and wind that are estimated for each flight, and of the prediction for a next one."""
 
 from dataclasses import replace
 from types import SimpleNamespace

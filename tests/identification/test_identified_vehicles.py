@@ -24,8 +24,8 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 
-# At each time, the log contains the command of the preceding control period of 20 ms, and a camera frame that is 10 ms
-# old.
+# Delay from a logged command to the logged pose that follows from it, s. A logged pose is 10 ms old, which adds to the
+# delay. A logged command is that of the preceding control period, 20 ms earlier, which reduces the delay.
 DELAY_IN_LABORATORY = 0.01 - 0.02
 
 

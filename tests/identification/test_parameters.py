@@ -155,7 +155,8 @@ def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes:
     assert [behind[name].start for name in ATTITUDE_RESPONSE] == [6.0, 7.0, 3.0, 0.48, 0.48, 0.48]
     for delay in (result["delay"], behind["delay"]):
         assert (delay.start, delay.lower, delay.upper) == (DELAY, -MAX_DELAY, MAX_DELAY)
-        # The prior allows delays that are one camera frame or one tick of the link longer, but not a delay of a second.
+        # The prior permits a delay that exceeds the initial value by one camera frame or one tick of the link, but not
+        # a delay of a second.
         assert 0.005 <= delay.scale <= 0.05
 
 

@@ -156,7 +156,10 @@ def test_the_anti_windup_term_is_the_integral_of_the_output_that_the_thrust_does
 
 
 def test_derivatives_that_are_not_logged_follow_from_fitted_parabolas(vehicle):
-    """Smoothing does not change lines, except at the ends."""
+    """The logs contain no derivatives. The derivative of a fitted parabola is exact for the quadratic test signals.
+
+    Smoothing changes a straight line only at its ends, so the smoothed velocity is the expected one.
+    """
     _, velocity, acceleration = polynomials(TIME)
     result, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
     (piece,) = result["acceleration"]

@@ -142,7 +142,10 @@ def test_a_prediction_with_a_vehicle_starts_from_the_velocity_of_the_kalman_filt
 
 @pytest.mark.long
 def test_the_estimated_disturbance_compensates_a_wrong_thrust(predictions):
-    """If the first vehicle has 10 % too much thrust, its filter estimates a force that compensates this for a while."""
+    """The model called `stronger` has 10 % too much thrust, which its filter attributes to a downward force.
+
+    With this estimated disturbance, the position predictions over 0.1 s have at most a fifth of the error.
+    """
     assert predictions.vehicles == ("stronger", "right", *PREDICTORS_WITHOUT_MODEL, WITH_DISTURBANCE)
     assert predictions.error_reduction("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
 

@@ -183,7 +183,10 @@ def test_a_residual_force_is_converted_with_the_commanded_thrust_from_the_logged
 def test_a_residual_force_is_ignored_if_the_commanded_thrust_is_unknown(
     attitudes: Scenario, log_with_residual_force: FlightRecord
 ) -> None:
-    """Neither a thrust fraction without a thrust curve nor a hover thrust fraction gives the commanded thrust."""
+    """A logged thrust fraction determines the commanded thrust only if the nominal vehicle has a thrust curve.
+
+    A logged hover thrust fraction does not determine the commanded thrust.
+    """
 
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record

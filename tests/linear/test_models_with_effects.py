@@ -185,7 +185,7 @@ def test_a_loop_with_all_effects_has_an_equilibrium_and_a_linear_model(laborator
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["nominal", "actual"])
 def test_a_laboratory_with_effects_has_a_linear_plant(laboratory, vehicle):
-    """The specific thrust in hover follows from the throttle by the nominal thrust curve."""
+    """The specific thrust is that of the nominal thrust curve, for the throttle at which the vehicle hovers."""
     plant, specific_thrust = laboratory_plant(laboratory(*ALL_EFFECTS_OVERRIDES[5:]), vehicle=vehicle)
     if vehicle == "nominal":
         assert specific_thrust == pytest.approx(9.81, rel=1e-9)

@@ -201,10 +201,10 @@ class Integral:
 
 
 class Network:
-    """Fuzzy network with learning consequents on some axes.
+    """Fuzzy network with adaptive consequents on some axes.
 
     Args:
-        parameters: network of the scenario.
+        parameters: settings of the network, from the field `control.network` of the scenario.
         h: tick period, s.
         leg_times: times at which the legs of the route begin, s.
     """

@@ -151,7 +151,9 @@ there:
     flight = simulate(scenario, compiled=True)
     assert flight.metrics.rmse < 0.01
     folder = flight.save(tmp_path / "flown")[0].parent
-    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # the saved scenario contains the pieces
+    assert (
+        load_scenario(folder / "scenario.yaml") == flight.scenario
+    )  # the saved scenario contains the pieces of the trajectory
 
 
 def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):

@@ -144,7 +144,7 @@ def test_the_shortest_time_in_a_corridor_agrees_with_an_independent_search():
 
 @pytest.mark.slow
 def test_the_minimum_snap_in_a_corridor_is_near_that_of_an_independent_search():
-    """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
+    """For a path of 14 s, a Nelder-Mead search over the durations of the segments found a cost of 13.210 m²/s⁷."""
     path = plan_path(problem(corridors=CORRIDORS_AROUND_SQUARE, limits=PathLimits()), MinimumSnapTiming(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 

@@ -24,14 +24,18 @@ from drake_quad.space.regions import SLACK, Regions
 # `make passages` tries a hundred restarts in ten rooms. By default, ten restarts are tried in one room.
 NUM_RESTARTS = int(os.environ.get("RESTARTS", "10"))
 NUM_ROOMS = 10 if NUM_RESTARTS >= 100 else 1
-# The rooms with the omitted seeds have no route, or random regions do not connect start and end.
+# Seeds of the random rooms. A seed is omitted if its room has no route, or if the regions that grow around random
+# points do not connect start and end.
 ROOM_SEEDS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][:NUM_ROOMS]
-# Number of random passages through each set of random regions.
+# Number of restarts, each with another random passage, that share a set of random regions.
 _NUM_PASSAGES_PER_SET = 10
 
 
 def durations_of_restarts(room, problem, count):
-    """Return the durations of the paths through random passages, s."""
+    """Return the flight durations (s) of the fastest paths through `count` random passages, one for each restart.
+
+    Passages without a path are omitted.
+    """
     grid = Grid.of(room.space, room.bounds, max_points=30_000, min_spacing=0.05)
     free = grid.nearest >= room.space.clearance + SLACK
     actual = []

@@ -48,10 +48,16 @@ class DisturbanceLaw(Protocol):
         """Return the memory for a vehicle at rest at a position (m) without disturbance."""
 
     def correct(self, memory: "tuple[Row, ...]", measured: AxisMeasurement, period: float) -> "tuple[Row, ...]":
-        """Return the law's memory after it has been corrected with the measurement of a tick."""
+        """Return the law's memory after the measurement of a tick has corrected it."""
 
     def predict(self, memory: "tuple[Row, ...]", increment: ModelIncrement, period: float) -> "tuple[Row, ...]":
-        """Return the memory predicted for the next tick, given the modelled change of the motion until then."""
+        """Return the law's memory as predicted for the next tick.
+
+        Args:
+            memory: memory at this tick.
+            increment: change of the motion until the next tick, computed from the model.
+            period: tick period, s.
+        """
 
 
 class KalmanMemory(NamedTuple):

@@ -113,10 +113,14 @@ def design_regulator(model: ContinuousModel, timing: Timing, command_weight: flo
 def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, command_weight: float) -> AxisLoop:
     """Design filter and regulator of an axis.
 
-    `design_regulator` designs the regulator. For constant deviations of p, v and d, the regulated chain settles at a
-    specific thrust s. There, u is zero for a `TorqueChain` and equals s for the other chains. From u = -K x it follows
-    that s = -(K_p p + K_v v + K_d d) / k. The divisor k is K_s for a `TorqueChain`, and 1 + K_s + ΣK_pending for the
-    other chains.
+    `design_regulator` designs the regulator u = -K x. For constant deviations of position p, velocity v and
+    disturbance d, the inner states settle at a constant specific thrust s. The steady command u is then zero for a
+    `TorqueChain`, and equal to s for the other chains. It follows that
+
+        s = -(K_p p + K_v v + K_d d) / k
+
+    The divisor k is the gain K_s on the specific thrust for a `TorqueChain`. For the other chains, it is 1 + K_s plus
+    the sum of the gains `K_pending` on the commands in transit.
 
     Args:
         model: model of the chain.

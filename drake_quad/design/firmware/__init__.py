@@ -1,1 +1,1 @@
-"""Conversion of a vehicle's firmware parameters to controllers of the scenario language."""
+"""Conversion of a vehicle's firmware parameters to controllers in the scenario language."""

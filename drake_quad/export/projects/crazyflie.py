@@ -20,7 +20,9 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     """Return the values of the template's placeholders.
 
     Raises:
-        InputError: if the code does not command a wrench in single precision with a period of whole milliseconds.
+        InputError: if the output of the code is not a wrench, if the firmware cannot provide an input of the code, if
+            the code is not in single precision, if its period is not a whole number of milliseconds, or if a header of
+            the firmware has the name of the code.
     """
     description = code.description
     if description.name in _FIRMWARE_HEADERS:

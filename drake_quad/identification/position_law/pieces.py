@@ -73,7 +73,8 @@ def prepared_pieces(
         remarks: list to which remarks on the record are appended.
 
     Returns:
-        The pieces for each form of the law, and a mask over the samples in the air, True where a command is at a limit.
+        The pieces for each form in `FORMS`, which relates the output of the position law to the commands, and a mask
+        over the samples in the air, True where a command is at a limit.
 
     Raises:
         InputError: if the log lacks a signal, its reference does not move, or it contains no stretch of flight that is

@@ -195,8 +195,9 @@ def is_slow(record: FlightRecord) -> bool:
 def _as_logged(record: FlightRecord) -> FlightRecord:
     """If the reference is logged slowly, keep only the samples of the record at which the reference was logged.
 
-    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. A value that
-    is held for several periods was logged several times. Records with a fast reference are returned unchanged.
+    The reference is logged once in each of its periods, and the record repeats the value until the next period. A value
+    that lasts for several periods was logged once in each of them. Records with a fast reference are returned
+    unchanged.
     """
     if not is_slow(record):
         return record

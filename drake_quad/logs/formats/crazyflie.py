@@ -64,7 +64,7 @@ class _Header:
         return int.from_bytes(self._log.data[self.offset - 2 : self.offset], "little")
 
     def text(self) -> str:
-        """Read a text that ends with a zero byte from the header."""
+        """Read a null-terminated string from the header."""
         end = self._log.data.find(b"\0", self.offset, self.offset + _MAX_NAME_LENGTH)
         if end < 0:
             if self.offset + _MAX_NAME_LENGTH > len(self._log.data):

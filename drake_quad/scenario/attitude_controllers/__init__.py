@@ -1,4 +1,4 @@
-"""Attitude controllers of the scenario language that run on the ground, with one module for each kind."""
+"""Attitude controllers that run on the ground, in the scenario language, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -1,4 +1,4 @@
-"""Autopilots of the scenario language, with one module for each kind."""
+"""Autopilots in the scenario language, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -1,4 +1,4 @@
-"""Controls of the scenario language, which run on the ground, with one module for each kind."""
+"""Controls that run on the ground, in the scenario language, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

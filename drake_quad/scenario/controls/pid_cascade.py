@@ -154,7 +154,11 @@ class PidCascadeControl(Control):
         return self.num_ticks(tick) * tick
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe to build the cascade."""
+        """Return the recipe from which the position and velocity loops of the cascade are built, keyed by its role.
+
+        Args:
+            setting: properties of the scenario on which the recipe depends, such as nominal vehicle and tick period.
+        """
         nominal, tick = setting.nominal, setting.tick
         period = self.loop_period(tick)
         command = self.command

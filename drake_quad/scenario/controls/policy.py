@@ -24,7 +24,7 @@ from drake_quad.signals import valid_signal
 
 @CONTROLS.register
 class PolicyControl(Control):
-    """A trained network that replaces the position controller or, depending on `action`, all control on the ground."""
+    """A trained network that replaces the position controller or, depending on `action`, all ground station control."""
 
     kind: Literal["policy"]
     policy: TrainedNetwork | None = Field(

@@ -1,4 +1,4 @@
-"""Battery of the scenario language."""
+"""Battery in the scenario language."""
 
 from typing import Annotated, ClassVar
 

@@ -1,4 +1,4 @@
-"""Body drag of the scenario language."""
+"""Body drag in the scenario language."""
 
 from functools import reduce
 from typing import Annotated, Any, ClassVar

@@ -1,4 +1,4 @@
-"""Ground effect of the scenario language."""
+"""Ground effect in the scenario language."""
 
 from typing import Annotated, ClassVar
 

@@ -1,4 +1,4 @@
-"""Payload of the scenario language."""
+"""Payload in the scenario language."""
 
 import math
 from collections.abc import Iterator

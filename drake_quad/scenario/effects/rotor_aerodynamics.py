@@ -1,4 +1,4 @@
-"""Rotor aerodynamics of the scenario language."""
+"""Rotor aerodynamics in the scenario language."""
 
 from typing import Any, ClassVar
 

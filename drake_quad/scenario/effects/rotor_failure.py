@@ -1,4 +1,4 @@
-"""Rotor failure of the scenario language."""
+"""Rotor failure in the scenario language."""
 
 from collections.abc import Iterator
 from typing import Annotated, ClassVar

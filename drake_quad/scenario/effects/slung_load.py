@@ -1,4 +1,4 @@
-"""Slung load of the scenario language."""
+"""Slung load in the scenario language."""
 
 from typing import Annotated, Any, ClassVar
 

@@ -1,4 +1,4 @@
-"""Trim force of the scenario language."""
+"""Trim force in the scenario language."""
 
 from typing import Any, ClassVar
 

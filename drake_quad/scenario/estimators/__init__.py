@@ -1,4 +1,4 @@
-"""State estimators of the scenario language, with one module for each kind."""
+"""State estimators in the scenario language, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

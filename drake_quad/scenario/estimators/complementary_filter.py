@@ -1,4 +1,4 @@
-"""Complementary filter of the scenario language."""
+"""Complementary filter in the scenario language."""
 
 from typing import Any, ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""Error-state Kalman filter of the scenario language."""
+"""Error-state Kalman filter in the scenario language."""
 
 import math
 from collections.abc import Iterator

@@ -414,7 +414,10 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Append a clipping layer, unless it only removes actions outside [-1, 1], which do not occur."""
+    """Append a clipping layer, unless it clips the final output to limits that contain [-1, 1].
+
+    Such a layer has no effect, since actions are limited to [-1, 1] in any case.
+    """
     attributes = [node.attributes.get(name) for name in ("min", "max")]  # the limits are attributes up to opset 10
     bounds = attributes if len(node.constants) == 1 else [*node.constants[1:], None][:2]
     if node.chain_index or any(np.size(each) != 1 for each in bounds if each is not None):

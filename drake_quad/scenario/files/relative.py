@@ -236,7 +236,7 @@ def _times(tree: Tree, factor: float) -> Tree:
 
 
 def refuse_outside_vehicle(tree: Tree) -> None:
-    """Raise InputError if a scenario has a relative distribution outside `vehicle`."""
+    """Raise InputError if a distribution outside the section `vehicle` is relative to a nominal value."""
     for name, part in tree.value.items():
         if name != "vehicle":
             _refuse(part, name)

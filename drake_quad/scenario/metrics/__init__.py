@@ -1,4 +1,4 @@
-"""Additional metrics of the scenario language, with one module each."""
+"""Additional metrics in the scenario language, with one module each."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -1,1 +1,1 @@
-"""Fuzzy networks of the scenario language, which learn in flight."""
+"""Fuzzy networks that learn in flight, in the scenario language."""

@@ -1,4 +1,4 @@
-"""Fuzzy networks of the scenario language. They learn a correction to a controller's command during the flight."""
+"""Fuzzy networks in the scenario language. They learn a correction to a controller's command during the flight."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args

@@ -1,1 +1,1 @@
-"""Policies of the scenario language: trained networks and their observations."""
+"""Policies in the scenario language: trained networks and their observations."""

@@ -1,4 +1,4 @@
-"""Trained networks of the scenario language."""
+"""Trained networks in the scenario language."""
 
 import base64
 import binascii

@@ -1,4 +1,4 @@
-"""Position controllers of the scenario language, with one module for each kind."""
+"""Position controllers in the scenario language, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -1,4 +1,4 @@
-"""Routes of the scenario language and their planning, with one module for each kind."""
+"""Routes in the scenario language and their planning, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

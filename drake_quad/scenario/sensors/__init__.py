@@ -1,4 +1,4 @@
-"""Onboard sensors of the scenario language, with one module for each sensor."""
+"""Onboard sensors in the scenario language, with one module for each sensor."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -1,4 +1,4 @@
-"""Accelerometer of the scenario language."""
+"""Accelerometer in the scenario language."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

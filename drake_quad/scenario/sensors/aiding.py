@@ -12,8 +12,8 @@ class AidingModel(NamedTuple):
 
     Attributes:
         kind: type of the readings, a name in `drake_quad.estimation.corrections.AIDING_LAWS`.
-        noise: for each component of a reading, names of the settings whose root sum of squares is its standard
-            deviation. Settings with three numbers describe three components.
+        noise: names of settings for each component of a reading. The root sum of squares of these settings is the
+            standard deviation of the component. Settings with three numbers describe three components.
     """
 
     kind: str

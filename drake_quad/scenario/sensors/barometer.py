@@ -1,4 +1,4 @@
-"""Barometer of the scenario language."""
+"""Barometer in the scenario language."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

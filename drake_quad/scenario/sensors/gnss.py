@@ -1,4 +1,4 @@
-"""Satellite navigation of the scenario language."""
+"""Satellite navigation in the scenario language."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

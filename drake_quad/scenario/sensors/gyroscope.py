@@ -1,4 +1,4 @@
-"""Gyroscope of the scenario language."""
+"""Gyroscope in the scenario language."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""Magnetometer of the scenario language."""
+"""Magnetometer in the scenario language."""
 
 import math
 from typing import Annotated, Any, ClassVar, Literal

@@ -1,4 +1,4 @@
-"""Optical flow of the scenario language."""
+"""Optical flow in the scenario language."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

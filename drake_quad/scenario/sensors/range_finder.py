@@ -1,4 +1,4 @@
-"""Range finder of the scenario language."""
+"""Range finder in the scenario language."""
 
 from typing import Annotated, Any, ClassVar, Literal
 

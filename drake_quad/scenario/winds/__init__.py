@@ -1,4 +1,4 @@
-"""Wind sources of the scenario language, with one module for each source. The winds of all sources are added."""
+"""Wind sources in the scenario language, with one module for each source. The winds of all sources are added."""
 
 from drake_quad.scenario.unions import import_members
 

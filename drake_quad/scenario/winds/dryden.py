@@ -1,4 +1,4 @@
-"""Dryden turbulence of the scenario language."""
+"""Dryden turbulence in the scenario language."""
 
 from typing import Annotated, ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""Industrial fan of the scenario language."""
+"""Industrial fan in the scenario language."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal

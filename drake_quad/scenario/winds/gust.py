@@ -1,4 +1,4 @@
-"""Discrete gust of the scenario language."""
+"""Discrete gust in the scenario language."""
 
 import math
 from collections.abc import Iterator

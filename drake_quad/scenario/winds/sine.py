@@ -1,4 +1,4 @@
-"""Sinusoidal wind of the scenario language."""
+"""Sinusoidal wind in the scenario language."""
 
 from typing import ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""Steady wind of the scenario language."""
+"""Steady wind in the scenario language."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Literal

@@ -15,7 +15,7 @@ TICK = 0.02  # s, period of a learning step
 
 
 class Learner:
-    """System of n vehicles that learn on X, with the same law, from given firing strengths and a given signal."""
+    """Network of n vehicles that learn a correction along x, with one law, from given firing strengths and signals."""
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=TICK):
         # The learning signal s_p is the rate of the error, since the slope λ is zero.
@@ -260,7 +260,7 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
 
 @pytest.mark.parametrize("law", [CovarianceLaw(0.9, 3.0, 0.99), GradientLaw(0.7), SignLaw(0.3, 0.2)])
 def test_a_vehicle_in_a_large_fleet_learns_like_a_single_vehicle(law):
-    """The vehicles learn on X, with a dead zone, leakage and a limit that some of them reach."""
+    """Learning is limited by a dead zone and leakage, and by a limit of the weights that some vehicles reach."""
     n, limits, rng = 150, LearningLimits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
     firing, signal = random_firing(rng, n), rng.normal(size=n)
     fleet, alone = Learner(law, n=n, limits=limits, period=0.5), Learner(law, limits=limits, period=0.5)
