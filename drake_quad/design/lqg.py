@@ -408,11 +408,21 @@ def measurement_noise(scenario: Scenario) -> tuple[float, float]:
         return _rms(laboratory.motion_capture.position_noise), _rms(laboratory.motion_capture.attitude_noise)
     hovering = in_hover(median_scenario(scenario)).model_copy(update={"duration": _ESTIMATE_DURATION})
     flights = simulate_samples(hovering, range(_NUM_ESTIMATES))
-    error = np.array([flight["measurement"][:, :6] - flight["state"][:, :6] for flight in flights])
     lag = max(round(_ESTIMATE_INTERVAL / laboratory.command_link.period), 1)
-    variance = 0.5 * np.square(error[:, lag:] - error[:, :-lag]).mean(axis=(0, 1))
+
+    def deviation(names: Sequence[str]) -> float:
+        """Return the root mean square of the noise in some components of the state."""
+        errors = np.array(
+            [
+                getattr(flight.record("measurement"), name) - getattr(flight.record("state"), name)
+                for flight in flights
+                for name in names
+            ]
+        )
+        return float(np.sqrt(0.5 * np.square(errors[:, lag:] - errors[:, :-lag]).mean()))
+
     # The design assumes the same noise in x, y and z, and the same noise in roll and pitch.
-    return float(np.sqrt(variance[:3].mean())), float(np.sqrt(variance[3:5].mean()))
+    return deviation(("x", "y", "z")), deviation(("roll", "pitch"))
 
 
 def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
