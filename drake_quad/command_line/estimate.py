@@ -106,13 +106,18 @@ def main(arguments: argparse.Namespace) -> None:
             rows.append(_row(name, "on board", on_board, is_flying, lag))
         _remark_inconsistency(name, estimate)
         figures[name] = plot_estimate(estimate, on_board)
-        sensors = inertial_errors(record, estimate)
-        sensor_rows += [row for sensor in sensors for row in _sensor_rows(name, sensor)]
-        files.append(write_sensors(folder / f"{name}_sensors.yaml", name, sensors))
+        try:
+            sensors = inertial_errors(record, estimate)
+        except InputError as error:
+            remark(str(error))
+        else:
+            sensor_rows += [row for sensor in sensors for row in _sensor_rows(name, sensor)]
+            files.append(write_sensors(folder / f"{name}_sensors.yaml", name, sensors))
     print("root-mean-square errors in flight")
     print_columns(_HEADER, rows)
-    print("\ninertial sensors in flight, with 95 % intervals")
-    print_columns(_SENSOR_HEADER, sensor_rows)
+    if sensor_rows:
+        print("\ninertial sensors in flight, with 95 % intervals")
+        print_columns(_SENSOR_HEADER, sensor_rows)
     print_files([*save_figures(figures, folder, vector=arguments.vector), *files])
 
 

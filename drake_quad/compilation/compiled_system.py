@@ -231,7 +231,7 @@ class CompiledSystem(LeafSystem):
             self._append_to_log(context, log, instant)
 
     def _append_to_log(self, context: Context, log: np.ndarray, first: int) -> None:
-        """Append rows to the recorded outputs, which begin with the first event; it has the number 0."""
+        """Append the log of events to the recorded outputs. The event with the number 0 begins a new record."""
         parts = context.get_abstract_parameter(self._log).get_value().parts
         if first == 0:
             parts.clear()

@@ -1,6 +1,7 @@
 """Test of the command that estimates logged flights."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ BIAS = [0.02, -0.01, 0.03]  # rad/s, bias of the gyroscope
 
 @pytest.fixture
 def log(monkeypatch):
-    """Replace the reader of logs by a function that returns the log of a simulated flight."""
+    """Replace the reader of logs by a function that returns the log of a simulated flight, and return this log."""
     sensors = [
         {"kind": "gyroscope", "period": 0.02, "noise_density": 1e-3, "bias": BIAS},
         {"kind": "accelerometer", "period": 0.02, "noise_density": 0.01},
@@ -30,6 +31,7 @@ def log(monkeypatch):
         specific_force=np.array(flight.record("accelerometer")).T,
     )
     monkeypatch.setattr(estimate, "read_log", lambda path, mapping: record)
+    return record
 
 
 @pytest.mark.slow
@@ -49,3 +51,15 @@ def test_the_errors_of_inertial_sensors_are_printed_and_saved_as_a_scenario(log,
     gyroscope = load_scenario(str(extended)).laboratory.named_sensors["gyroscope"]
     assert gyroscope.bias == pytest.approx(BIAS, abs=5e-3)
     assert gyroscope.noise_density == pytest.approx(1e-3, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_log_with_irregular_samples_is_estimated_without_the_noise_of_its_sensors(log, monkeypatch, tmp_path, capsys):
+    time = log.time + np.where(np.arange(len(log.time)) % 2, 0.006, 0.0)
+    monkeypatch.setattr(estimate, "read_log", lambda path, mapping: replace(log, time=time))
+    estimate.main(estimate.options().parse_args(["hovering.csv", "--output", str(tmp_path)]))
+    output = capsys.readouterr()
+    assert "root-mean-square errors in flight" in output.out
+    assert "inertial sensors" not in output.out
+    assert "cannot estimate the noise of the inertial sensors: only 0 samples of the log hovering" in output.err
+    assert not [*tmp_path.glob("*.yaml")]
