@@ -12,6 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, redirect_stdout
+from pathlib import Path
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -77,6 +78,24 @@ def _garbage_collection_paused() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
+
+
+def current_processor() -> int:
+    """Return the number of the processor on which the calling thread runs; requires Linux."""
+    # The name of the program, in parentheses, may contain spaces. The fields after it begin with field 3.
+    fields = Path("/proc/thread-self/stat").read_text().rpartition(")")[2].split()
+    return int(fields[39 - 3])
+
+
+@contextmanager
+def on_processor(number: int) -> Iterator[None]:
+    """Run the calling thread, and the processes that it starts, on one processor; requires Linux."""
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {number})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 single_threaded_blas = ProcessSetting(lambda: _blas_controller().limit(limits=1, user_api="blas"))

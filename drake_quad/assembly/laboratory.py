@@ -59,11 +59,10 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     )
     return {
         "vehicle": _vehicle(scenario, fleet, pose, motion, duration),
-        "allocation": _allocation(scenario),
         **({"motion_capture": cameras} if scenario.laboratory.estimator.reads_motion_capture else {}),
         **({"estimator": estimator} if estimator is not None else {}),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
-        **_autopilot(scenario, fleet.laboratory.autopilot),
+        **_autopilot_and_allocation(scenario, fleet.laboratory.autopilot),
         **{f"{_WIND_PREFIX}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
         **{f"{_SENSORS_PREFIX}{name}": recipe for name, recipe in _sensors(scenario, fleet).items()},
     }
@@ -220,11 +219,20 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
     return link.recipe(fleet, command, hover[command])
 
 
-def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the autopilot, keyed by its name in the diagram; an empty dictionary if there is none."""
-    settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
-    follows_attitude = not scenario.control.commands_rates_only()
-    return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)
+def _autopilot_and_allocation(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
+    """Return the recipes for the systems that command the motors, keyed by their names in the diagram.
+
+    Args:
+        scenario: scenario that contains the autopilot.
+        fleet: settings of the autopilot from `Batch.fleet_scenario`, in which each random field is an (N,) array.
+    """
+    recipes: dict[str, Recipe] = fleet.recipes(
+        nominal_parameters(scenario),
+        settings=scenario.laboratory.autopilot,
+        follows_attitude=not scenario.control.commands_rates_only(),
+        curve=scenario.nominal.motors.thrust_curve(),
+    )
+    return recipes if "firmware" in recipes else {"allocation": _allocation(scenario), **recipes}
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.compilation.blocks import find_block, has_vectors, reason_not_compilable
 from drake_quad.compilation.compiled_system import CompiledSystem, input_name
-from drake_quad.compilation.placeholder import SystemPlaceholder, has_state
+from drake_quad.compilation.placeholder import SystemPlaceholder, has_state, system_for_compiled_diagram
 from drake_quad.compilation.program import Program
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.errors import InputError
@@ -51,16 +51,14 @@ def compile_diagram(
         )
     program = Program(diagram)
     for path, system in program.uncompiled.items():
-        if not isinstance(system, SystemPlaceholder):
+        if not (isinstance(system, SystemPlaceholder) or hasattr(system, "new_copy")):
             _check_uncompiled(path, system)
     core = CompiledSystem(program, ticks=ticks, tick=tick, record=record)
     builder = DiagramBuilder()
     builder.AddNamedSystem(COMPILED, core)
     uncompiled = {}
     for path, system in program.uncompiled.items():
-        uncompiled[path] = builder.AddNamedSystem(
-            path, system.system if isinstance(system, SystemPlaceholder) else SystemPlaceholder(system)
-        )
+        uncompiled[path] = builder.AddNamedSystem(path, system_for_compiled_diagram(system))
     for source in program.row_ranges.inputs:
         if isinstance(source, Port):
             port = uncompiled[source.path].get_output_port(source.number)

@@ -40,6 +40,17 @@ class SystemPlaceholder(LeafSystem):
             )
 
 
+def system_for_compiled_diagram(system: Any) -> Any:
+    """Return the system that takes the place of an uncompiled system in the compiled diagram.
+
+    A placeholder is replaced by its system. A system with a method `new_copy` is replaced by a copy. Any other system
+    is replaced by a placeholder, which evaluates it.
+    """
+    if isinstance(system, SystemPlaceholder):
+        return system.system
+    return system.new_copy() if hasattr(system, "new_copy") else SystemPlaceholder(system)
+
+
 def wrapped_system(system: Any) -> Any:
     """Return the system that a placeholder evaluates; other systems are returned unchanged."""
     return system.system if isinstance(system, SystemPlaceholder) else system

@@ -17,14 +17,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from drake_quad.c_compiler import compile_c, find_compiler
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.errors import InputError, shorten_text
+from drake_quad.errors import InputError
 from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription, read_description
 
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Options with which a C compiler keeps the order and rounding of all operations."""
-_COMPILERS = ("cc", "gcc", "clang")
-_MAX_MESSAGE_LENGTH = 500  # largest number of characters of a compiler message that an error shows
 # C code that is compiled together with exported code, to compare the sizes of its structs with the description.
 _SIZES_CODE = """\
 #include "{name}.h"
@@ -90,12 +89,7 @@ def _compiled(
     folder: Path, description: ExportDescription, compiler: str | None, flags: tuple[str, ...]
 ) -> ctypes.CDLL:
     """Return the shared library of exported code, which is compiled once per process."""
-    path = compiler or next(filter(None, map(shutil.which, _COMPILERS)), None)
-    if path is None or shutil.which(path) is None:
-        raise InputError(
-            f"flying exported code needs a C compiler, but {compiler or 'none of cc, gcc and clang'} is"
-            f"{' not' if compiler else ''} on PATH"
-        )
+    path = find_compiler("flying exported code", compiler)
     digest = hashlib.sha256()
     for suffix in (".h", ".c"):
         file = folder / f"{description.name}{suffix}"
@@ -111,12 +105,8 @@ def _compile(folder: Path, name: str, compiler: str, flags: tuple[str, ...]) -> 
     with tempfile.TemporaryDirectory() as temporary:
         sizes, library = Path(temporary) / "sizes.c", Path(temporary) / "library.so"
         sizes.write_text(_SIZES_CODE.format(name=name))
-        command = [compiler, *flags, "-shared", "-fPIC", "-I", str(folder), "-o", str(library)]
-        command += [str(folder / f"{name}.c"), str(sizes), "-lm"]
-        result = subprocess.run(command, capture_output=True, text=True, check=False)
-        if result.returncode:
-            message = shorten_text(" ".join(result.stderr.split()), _MAX_MESSAGE_LENGTH)
-            raise InputError(f"{compiler} cannot compile {folder / name}.c: {message}")
+        arguments = [*flags, "-shared", "-fPIC", "-I", folder, "-o", library, folder / f"{name}.c", sizes, "-lm"]
+        compile_c(compiler, arguments, folder / f"{name}.c")
         return ctypes.CDLL(str(library))
 
 
@@ -250,12 +240,9 @@ def compile_for_board(folder: Path, core: str, program: Path) -> None:
     macros = [f'-DHEADER="{name}.h"', *(f"-D{part.upper()}={name}_{part}" for part in ("init", "step"))]
     macros += [f"-D{part.upper()}_T={name}_{part}_t" for part in ("inputs", "outputs")]
     macros += [f"-DSTATE_T={name}_t", f"-DPARAMETERS={name}_default_parameters"]
-    command = [CROSS_COMPILER, *_CROSS_FLAGS, *CORES[core].flags, *macros, "-I", folder, "-nostartfiles"]
-    command += ["-T", here / "board.ld", "-Wl,--gc-sections", "-o", program, here / "board.c", folder / f"{name}.c"]
-    result = subprocess.run([*map(str, command), "-lm"], capture_output=True, text=True, check=False)
-    if result.returncode:
-        message = shorten_text(" ".join(result.stderr.split()), _MAX_MESSAGE_LENGTH)
-        raise InputError(f"{CROSS_COMPILER} cannot compile {folder / name}.c: {message}")
+    arguments = [*_CROSS_FLAGS, *CORES[core].flags, *macros, "-I", folder, "-nostartfiles", "-T", here / "board.ld"]
+    arguments += ["-Wl,--gc-sections", "-o", program, here / "board.c", folder / f"{name}.c", "-lm"]
+    compile_c(CROSS_COMPILER, arguments, folder / f"{name}.c")
 
 
 def has_cross_compiler() -> bool:

@@ -14,6 +14,7 @@ from drake_quad.assembly.registered_controllers import registered_leaf_systems
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
+from drake_quad.firmware.system import near_firmware
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
@@ -51,7 +52,8 @@ class FleetSimulation(ABC):
             duration: duration of the flight, s.
             progress: function that is called repeatedly with the simulated time and the duration, s.
         """
-        fly(self.simulator, duration, check_interval=self._check_interval, jumps=self._jumps, progress=progress)
+        with near_firmware(self.simulator.get_system()):
+            fly(self.simulator, duration, check_interval=self._check_interval, jumps=self._jumps, progress=progress)
 
     @abstractmethod
     def reset(self, batch: Batch) -> None:

@@ -41,10 +41,11 @@ from drake_quad.signals import valid_signal
 def build_laboratory(
     *,
     vehicle: Any,
-    allocation: Any,
+    allocation: Any = None,
     motion_capture: Any = None,
     command_link: Any,
     autopilot: Any = None,
+    firmware: Any = None,
     estimator: Any = None,
     wind: Mapping[str, Any],
     sensors: Mapping[str, Any] = MappingProxyType({}),
@@ -57,7 +58,8 @@ def build_laboratory(
     `rotor_speed_command` for motors that are commanded by throttles. A slung load adds the output `swing`, and a
     battery adds `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench,
     and the wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the
-    sensor, and a second one for the validity if its readings can be missing.
+    sensor, and a second one for the validity if its readings can be missing. With firmware on board, which commands the
+    motors itself, the outputs `wrench` and `shortfall` do not exist.
 
     .. pydrake_system::
 
@@ -78,11 +80,13 @@ def build_laboratory(
             optionally `attitude_target`. Its output ports are `state`, `rotor_speed`, and optionally `acceleration`,
             `swing`, `charge` and `battery`.
         allocation: system from `wrench` to a packed output of the command of the vehicle (rotor speeds or throttles)
-            and `shortfall`.
+            and `shortfall`; None if firmware commands the motors.
         motion_capture: system from `state` to `measurement`; None if the estimator does not use it.
         command_link: system from `wrench` to `wrench`, or from `attitude_target` to `attitude_target`.
-        autopilot: system from `attitude_target`, and optionally `state`, to `wrench`; None if the link transmits a
-            wrench.
+        autopilot: system from `attitude_target`, and optionally `state`, to `wrench` or to the input of the firmware;
+            None if the link transmits a wrench.
+        firmware: system from the output of the autopilot to the command of the vehicle; None if the allocation computes
+            this command.
         estimator: system with the output port `measurement`, and with input ports that have the names of sensors, of
             the validities of their readings, or `motion_capture`; None if motion capture provides the measurement. An
             autopilot reads the estimate instead of the true state.
@@ -95,7 +99,10 @@ def build_laboratory(
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
-    allocated = split_output(builder, "allocation", allocation)
+    allocated = {} if allocation is None else split_output(builder, "allocation", allocation)
+    if firmware is not None:
+        builder.AddNamedSystem("firmware", firmware)
+        allocated = {firmware.get_output_port().get_name(): firmware.get_output_port()}
     builder.AddNamedSystem("vehicle", vehicle)
     cameras = [] if motion_capture is None else [builder.AddNamedSystem("motion_capture", motion_capture)]
     wind_streams = random_streams(wind, StreamKind.WIND)
@@ -112,14 +119,15 @@ def build_laboratory(
         command_name: allocated[command_name],
         link_signal: command_link.GetOutputPort(link_signal),
     }
-    systems = [allocation, vehicle, *cameras, wind_diagram]
+    computers = [system for system in (allocation, firmware) if system is not None]
+    systems = [*computers, vehicle, *cameras, wind_diagram]
     if motion_capture is not None:
         sources["motion_capture"] = motion_capture.GetOutputPort("measurement")
         if motion_capture.HasOutputPort("measurement_valid"):
             sources[valid_signal("motion_capture")] = motion_capture.GetOutputPort("measurement_valid")
     if autopilot is not None:
         systems.append(builder.AddNamedSystem("autopilot", autopilot))
-        sources["wrench"] = autopilot.GetOutputPort("wrench")
+        sources[autopilot.get_output_port().get_name()] = autopilot.get_output_port()
     sensor_streams = random_streams(sensors, StreamKind.NOISE)
     if sensors:
         sensor_diagram = build_sensors(sensors, streams=sensor_streams, available=sources)
@@ -156,9 +164,10 @@ def build_laboratory(
     for name in ("swing", "charge", "battery"):
         if vehicle.HasOutputPort(name):
             builder.ExportOutput(vehicle.GetOutputPort(name), name)
-    builder.ExportOutput(allocated["shortfall"], "shortfall")
+    if "shortfall" in allocated:
+        builder.ExportOutput(allocated["shortfall"], "shortfall")
     builder.ExportOutput(wind_port, "wind")
-    if autopilot is not None:
+    if autopilot is not None and "wrench" in sources:
         builder.ExportOutput(sources["wrench"], "wrench")
     if estimator is not None:
         for name in ("estimate_deviation", "innovation"):

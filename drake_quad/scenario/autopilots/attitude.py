@@ -36,6 +36,7 @@ from drake_quad.vehicle.autopilot import (
     LoopRules,
     NeglectedDrag,
 )
+from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Uncalibrated gyroscopes have a bias of up to 20 °/s, or 0.35 rad/s, and less noise.
@@ -118,7 +119,9 @@ class AttitudeAutopilotSettings(Autopilot):
         omega = math.sqrt(k_attitude * k_rate)
         return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
-    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(
+        self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool, curve: ThrustCurve | None
+    ) -> dict[str, Recipe]:
         """Return the recipe to build both loops.
 
         If only body rates are commanded, the attitude loop has no effect. In MAVLink, this corresponds to a message

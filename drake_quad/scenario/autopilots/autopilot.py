@@ -13,6 +13,7 @@ from drake_quad.laboratory.command_link import Command
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import AngleRate
+from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
@@ -35,6 +36,7 @@ class Autopilot(Model):
             designed.
         models_vehicle: True if the autopilot describes the joint response of autopilot and vehicle, which was
             identified with one particular vehicle.
+        is_firmware: True if the autopilot is firmware in its own process, so that the loop has no linear model.
     """
 
     kind: str
@@ -47,6 +49,7 @@ class Autopilot(Model):
     bias_free: ClassVar[dict[str, Any]] = {}
     loop_gains: ClassVar[tuple[str, str] | None] = None
     models_vehicle: ClassVar[bool] = False
+    is_firmware: ClassVar[bool] = False
 
     @property
     def controls_attitude(self) -> bool:
@@ -58,14 +61,19 @@ class Autopilot(Model):
         """Return the second-order response of roll and pitch to a command; None if no attitude is commanded."""
 
     @abstractmethod
-    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(
+        self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool, curve: ThrustCurve | None
+    ) -> dict[str, Recipe]:
         """Return the recipe to build the system `autopilot` between command link and control allocation, if it exists.
+
+        A second system `firmware` replaces the control allocation.
 
         Args:
             nominal: parameters of the nominal vehicle.
             settings: the same autopilot in the scenario, with its distributions. An imperfection is modelled if a
                 distribution or a nonzero number describes it.
             follows_attitude: False if body rates are commanded without an attitude.
+            curve: thrust of a nominal rotor as a function of its throttle; None if rotor speeds are commanded.
         """
 
     def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:

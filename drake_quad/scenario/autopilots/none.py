@@ -4,6 +4,7 @@ from typing import Any, ClassVar, Literal
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
+from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
@@ -20,6 +21,8 @@ class NoAutopilot(Autopilot):
     def attitude_response(self) -> None:
         """Return None, since no attitude is commanded over the radio link."""
 
-    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(
+        self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool, curve: ThrustCurve | None
+    ) -> dict[str, Recipe]:
         """Return an empty mapping, since there is no system between the command link and the control allocation."""
         return {}

@@ -20,6 +20,7 @@ from drake_quad.vehicle.attitude_response import (
     NaturalFrequencies,
 )
 from drake_quad.vehicle.autopilot import ThrustOnly
+from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import QuadrotorConfig
 
@@ -45,7 +46,9 @@ class AttitudeResponseSettings(Autopilot):
         """Return the response of the roll angle."""
         return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
-    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(
+        self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool, curve: ThrustCurve | None
+    ) -> dict[str, Recipe]:
         """Return the recipe to build a system that outputs the thrust; the vehicle model itself tracks the attitude."""
         return {"autopilot": Recipe(ThrustOnly, {}, None)}
 

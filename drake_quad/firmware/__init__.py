@@ -1,0 +1,1 @@
+"""Firmware of flight controllers, which flies in lockstep with the simulation."""

@@ -1,0 +1,136 @@
+"""Betaflight as the flight controller of a vehicle."""
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.firmware.betaflight.flight_controller import PITCH, ROLL, THROTTLE, YAW
+from drake_quad.firmware.betaflight.laws import BetaflightInput, Mode
+from drake_quad.firmware.betaflight.messages import Sensors
+from drake_quad.firmware.betaflight.motors import motors_of_rotors
+from drake_quad.firmware.betaflight.settings import armed, configured
+from drake_quad.firmware.betaflight.sticks import PulseTable, StickTable
+from drake_quad.firmware.controller import FirmwareError
+from drake_quad.firmware.system import FirmwareInTheLoop
+from drake_quad.vehicle.rotors import Rotor
+
+_HOVER_TIME = 1.0  # s for which the sticks command hover before a flight begins, so that all filters have settled
+_MAX_OVERSHOOT = 1e-6  # largest motor command beyond 0 or 1, from rounding
+
+
+class BetaflightOptions(NamedTuple):
+    """Options of a flight controller with Betaflight.
+
+    Attributes:
+        period: period of a step, s.
+        mode: flight mode.
+        settings: lines of the command line of Betaflight.
+        rotors: rotors of the nominal vehicle.
+        hover_command: motor command in hover.
+        scale: factor from a motor command to the output, such as the largest rotor speed.
+    """
+
+    period: float
+    mode: Mode
+    settings: tuple[str, ...]
+    rotors: tuple[Rotor, ...]
+    hover_command: float
+    scale: float
+
+
+class BetaflightController:
+    """Flight controller of one vehicle with Betaflight, armed and commanded to hover.
+
+    The inputs are the rows of a `BetaflightInput`. The outputs are the scaled commands of the rotors.
+
+    Args:
+        options: options of the flight controller.
+
+    Attributes:
+        initial_commands: (4,) scaled commands of rotors 1 to 4 before the first step.
+
+    Raises:
+        FirmwareError: if the firmware fails.
+        ImportError: if Betaflight is not installed.
+        InputError: if the firmware refuses the settings, or the settings do not fit the vehicle.
+    """
+
+    def __init__(self, options: BetaflightOptions) -> None:
+        configuration = configured(options.settings)
+        values = configuration.settings.values
+        self._options = options
+        self._motors = motors_of_rotors(
+            options.rotors, configuration.settings.mixer, motors_reversed=values["yaw_motors_reversed"] == "ON"
+        )
+        roll, pitch, yaw = (StickTable.of(values, axis) for axis in ("roll", "pitch", "yaw"))
+        if options.mode == "angle":
+            max_angle = math.radians(float(values["angle_limit"]))
+            roll_range = pitch_range = max_angle
+        else:
+            roll_range, pitch_range = math.radians(roll.max_rate), math.radians(pitch.max_rate)
+        # To the right, the yaw stick commands a negative yaw rate.
+        yaw_range = math.radians(yaw.max_rate) * (1.0 if values["yaw_control_reversed"] == "ON" else -1.0)
+        self._roll, self._pitch, self._yaw = (
+            PulseTable(stick.fractions * size, stick.pulses)
+            for stick, size in ((roll, roll_range), (pitch, pitch_range), (yaw, yaw_range))
+        )
+        self._throttle = PulseTable(configuration.motor_commands, configuration.throttle_pulses)
+        self._firmware = armed(configuration.file, configuration.settings, is_angle_mode=options.mode == "angle")
+        self._set_sticks(0.0, 0.0, 0.0, options.hover_command)
+        self.initial_commands = self._rotor_commands(self._firmware.run(_HOVER_TIME))
+
+    def send(self, inputs: np.ndarray) -> None:
+        """Start a step, given the inputs.
+
+        Raises:
+            FirmwareError: if the firmware has ended.
+        """
+        (p, q, r, f_x, f_y, f_z, q_w, q_x, q_y, q_z, v_x, v_y, v_z, _, _, z, pressure, *sticks) = inputs.tolist()
+        self._firmware.sensors = Sensors(
+            (p, -q, -r), (-f_x, -f_y, -f_z), (q_w, q_x, -q_y, -q_z), (v_x, v_y, v_z), (0.0, 0.0, z), pressure
+        )
+        self._set_sticks(*sticks)
+        self._firmware.send(self._options.period)
+
+    def receive(self) -> tuple[float, ...]:
+        """Return the (4,) scaled commands of rotors 1 to 4 at the end of a step.
+
+        Raises:
+            FirmwareError: if the firmware has ended, does not answer, or its motor commands are not between 0 and 1.
+        """
+        return self._rotor_commands(self._firmware.receive())
+
+    def _rotor_commands(self, motors: tuple[float, ...]) -> tuple[float, ...]:
+        if not (min(motors) >= -_MAX_OVERSHOOT and max(motors) <= 1.0 + _MAX_OVERSHOOT):
+            raise FirmwareError(f"Betaflight commands its motors with {motors}, which are not between 0 and 1")
+        scale = self._options.scale
+        return tuple([scale * motors[motor] for motor in self._motors])
+
+    def close(self) -> None:
+        """Stop the firmware."""
+        self._firmware.close()
+
+    def _set_sticks(self, roll: float, pitch: float, yaw_rate: float, motor: float) -> None:
+        channels = self._firmware.channels
+        channels[ROLL], channels[PITCH] = self._roll.pulse(roll), self._pitch.pulse(pitch)
+        channels[THROTTLE], channels[YAW] = self._throttle.pulse(motor), self._yaw.pulse(yaw_rate)
+
+
+def betaflight_in_the_loop(num_vehicles: int = 1, *, options: BetaflightOptions, command: str) -> Any:
+    """Return the system that runs Betaflight for N vehicles.
+
+    Args:
+        num_vehicles: number of vehicles N.
+        options: options of the flight controllers.
+        command: name of the output port, `throttle_command` or `rotor_speed_command`.
+    """
+    return FirmwareInTheLoop(
+        num_vehicles,
+        period=options.period,
+        input_name="betaflight_input",
+        num_inputs=len(BetaflightInput._fields),
+        command=command,
+        start=partial(BetaflightController, options),
+    )
