@@ -3,6 +3,12 @@
 from importlib import import_module
 from typing import Any
 
+from drake_quad.errors import InputError
+
+
+class MissingLibraryError(InputError, ImportError):
+    """Error for an optional library that is not installed. The message says how to install it."""
+
 
 def import_extra(module: str, extra: str) -> Any:
     """Import a module of an optional library and return it.
@@ -12,7 +18,7 @@ def import_extra(module: str, extra: str) -> Any:
         extra: name of the extra of drake_quad that installs the library.
 
     Raises:
-        ImportError: if the library is not installed; the message says how to install it.
+        MissingLibraryError: if the library is not installed.
     """
     try:
         return import_module(module)
@@ -20,6 +26,6 @@ def import_extra(module: str, extra: str) -> Any:
         library = module.partition(".")[0]
         if error.name is None or error.name.partition(".")[0] != library:
             raise
-        raise ImportError(
-            f"{library} is not installed; install it with: pip install 'drake_quad[{extra}]'", name=library
+        raise MissingLibraryError(
+            f"{library} is not installed; install it with: pip install 'drake_quad[{extra}]'"
         ) from None

@@ -24,8 +24,17 @@ def at_rest(scenario: Scenario) -> Scenario:
     A payload remains if the vehicle carries it at the start of the flight.
 
     Raises:
-        InputError: if the scenario contains a distribution.
+        InputError: if the scenario contains a distribution, or its autopilot is firmware.
     """
+    autopilot = scenario.laboratory.autopilot
+    response = autopilot.attitude_response()
+    if autopilot.is_firmware and response is not None:
+        frequency, damping = ([value] * 3 for value in response)
+        raise InputError(
+            f"laboratory.autopilot of kind {autopilot.kind} is firmware, which has no linear model; for an analysis,"
+            f" replace it by {{kind: response, natural_frequency: {frequency}, damping: {damping}}}, which responds"
+            " similarly"
+        )
     hovering = without_losses(in_hover(scenario))
     laboratory = hovering.laboratory
     calm = (source.without_turbulence() for source in laboratory.wind)

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from drake_quad.errors import InputError
+from drake_quad.extras import import_extra
 from drake_quad.process_settings import ProcessSetting
 from drake_quad.studies.provenance import code_difference, provenance
 from drake_quad.studies.worker_pool import Outcome, WorkerPool, failed_outcome, run_task
@@ -110,12 +111,9 @@ def dask_pool(address: str, num_workers: int | None = None) -> Iterator[DaskPool
     Raises:
         InputError: if Dask is not installed, no scheduler or no worker can be reached, or a worker has different code.
     """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError("Dask is not installed; install it by pip install 'drake_quad[cluster]'") from None
+    client_class = import_extra("distributed", "cluster").Client
     with _silently():
-        client = _connected(Client, address)
+        client = _connected(client_class, address)
         try:
             try:
                 client.wait_for_workers(1, timeout=_MAX_TIME_WITHOUT_WORKERS)

@@ -47,7 +47,7 @@ def outputs_of_scenario(parameters, recorded):
     nominal = nominal_parameters(scenario)
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
     autopilot = scenario.laboratory.autopilot
-    recipe = autopilot.recipes(nominal, settings=autopilot, follows_attitude=True)["autopilot"]
+    recipe = autopilot.recipes(nominal, settings=autopilot, follows_attitude=True, curve=None)["autopilot"]
     context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.parameters)
     per_unit = np.array(nominal.inertia) * output_scales(nominal, THRUST_PER_UNIT)
     rows = []

@@ -125,9 +125,12 @@ def test_declarations_of_every_autopilot_agree_with_its_system(kind, settings):
     autopilot, nominal = example(kind), settings["onboard"].nominal
 
     def recipes_of(autopilot):
-        return autopilot.recipes(nominal, settings=autopilot, follows_attitude=True)
+        return autopilot.recipes(nominal, settings=autopilot, follows_attitude=True, curve=None)
 
     recipes = recipes_of(autopilot)
+    firmware = recipes.pop("firmware", None)
+    assert (firmware is not None) == kind.is_firmware
+    command = "wrench" if firmware is None else firmware.build(2).get_input_port().get_name()
     assert [*recipes] == (["autopilot"] if autopilot.controls_attitude else [])
     assert (autopilot.attitude_response() is not None) == autopilot.controls_attitude
     assert ("wrench" in kind.accepts) != autopilot.controls_attitude
@@ -135,8 +138,8 @@ def test_declarations_of_every_autopilot_agree_with_its_system(kind, settings):
         system = recipe.build(2)
         inputs, outputs = port_names(system)
         assert "attitude_target" in inputs
-        assert outputs == {"wrench"}
-        assert {update.period for update in system.updates} == {autopilot.period} - {None}
+        assert outputs == {command}
+        assert firmware or {update.period for update in system.updates} == {autopilot.period} - {None}
     assert all(getattr(autopilot, name) == (1.0,) * 3 for name in kind.loop_gains or ())
     config = QuadrotorConfig(nominal, start=HoverPose(0.0, 0.0, 1.0, 0.0))
     vehicle = autopilot.vehicle_recipe({"time_step": 0.01}, config).build(2)

@@ -96,8 +96,8 @@ class PilotParameters(NamedTuple):
     """Parameters of the pilot, who converts an attitude target to the commands of the sticks.
 
     Attributes:
-        k_attitude: gain from the error of roll or pitch to a body rate, for the acro mode.
-        k_yaw: gain from the error of the yaw to a yaw rate.
+        attitude_gain: gain from the error of roll or pitch to a body rate, for the acro mode.
+        yaw_gain: gain from the error of the yaw to a yaw rate.
         thrust_factor: thrust factor b of a rotor; not used with a thrust curve.
         max_rotor_speed: rotor speed at the motor command 1; not used with a thrust curve.
         gravity: gravitational acceleration g.
@@ -105,8 +105,8 @@ class PilotParameters(NamedTuple):
             motor command.
     """
 
-    k_attitude: Gain
-    k_yaw: Gain
+    attitude_gain: Gain
+    yaw_gain: Gain
     thrust_factor: Annotated[Row, Quantity("N s²")]
     max_rotor_speed: AngleRate
     gravity: Annotated[Row, Quantity("m/s²")]
@@ -152,10 +152,10 @@ def betaflight_input(
     if mode == "acro":
         roll, pitch = target.p, target.q
         if follows_attitude:
-            roll = roll + parameters.k_attitude * (target.roll - state.roll)
-            pitch = pitch + parameters.k_attitude * (target.pitch - state.pitch)
+            roll = roll + parameters.attitude_gain * (target.roll - state.roll)
+            pitch = pitch + parameters.attitude_gain * (target.pitch - state.pitch)
     if follows_attitude:
-        yaw_rate = yaw_rate + parameters.k_yaw * wrap_angle(target.yaw - state.yaw)
+        yaw_rate = yaw_rate + parameters.yaw_gain * wrap_angle(target.yaw - state.yaw)
     return BetaflightInput(
         *rates,
         *force,

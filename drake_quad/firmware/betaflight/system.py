@@ -14,7 +14,7 @@ from drake_quad.firmware.betaflight.settings import armed, configured
 from drake_quad.firmware.betaflight.sticks import PulseTable, StickTable
 from drake_quad.firmware.controller import FirmwareError
 from drake_quad.firmware.system import FirmwareInTheLoop
-from drake_quad.vehicle.rotors import Rotor
+from drake_quad.vehicle.rotors import Rotors
 
 _HOVER_TIME = 1.0  # s for which the sticks command hover before a flight begins, so that all filters have settled
 _MAX_OVERSHOOT = 1e-6  # largest motor command beyond 0 or 1, from rounding
@@ -35,7 +35,7 @@ class BetaflightOptions(NamedTuple):
     period: float
     mode: Mode
     settings: tuple[str, ...]
-    rotors: tuple[Rotor, ...]
+    rotors: Rotors
     hover_command: float
     scale: float
 

@@ -1,6 +1,8 @@
 """Betaflight on board, in the scenario language."""
 
 import math
+import re
+from collections.abc import Iterator
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -11,10 +13,18 @@ from drake_quad.firmware.betaflight.laws import BetaflightPilot, Mode, PilotPara
 from drake_quad.firmware.betaflight.system import BetaflightOptions, betaflight_in_the_loop
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.learned import allow_file_name
 from drake_quad.scenario.quantities import FixedPositive, Period
 from drake_quad.vehicle.motors import ThrustCurve, mean_thrust_factor
 from drake_quad.vehicle.parameters import QuadrotorParameters
+
+_DEFAULT_ANGLE_GAIN = 50.0  # default of Betaflight's setting `angle_p_gain`
+_ANGLE_GAIN_UNIT = 0.1  # 1/s, gain from the error of the angle to a body rate per unit of `angle_p_gain`
+_ANGLE_GAIN_PATTERN = re.compile(r"\s*set\s+angle_p_gain\s*=\s*(\d+)\s*")
+# Gain of a proportional rate loop that responds to steps of the angle as Betaflight does, 1/s. It was fitted to a step
+# of 0.2 rad by the vehicle `racer` with Betaflight's default settings, with a deviation of 1 % of the step.
+_RATE_GAIN = 49.0
 
 
 @AUTOPILOTS.register
@@ -43,36 +53,42 @@ class BetaflightSettings(Autopilot):
     settings: tuple[str, ...] = Field(
         default=(),
         strict=False,
-        description="lines of Betaflight's command line, such as `set d_roll = 35`, or the file of a `diff`, relative to"
-        " the folder of the scenario's file; lines that describe the board are ignored",
+        description="lines of Betaflight's command line, such as `set d_roll = 35`, or a file that contains the output"
+        " of `diff`, relative to the folder of the scenario's file; lines that describe the board are ignored",
         json_schema_extra=allow_file_name,
     )
-    k_attitude: FixedPositive = Field(
+    attitude_gain: FixedPositive = Field(
         default=8.0,
         description="gain from the error of roll and pitch to a body rate in acro mode (1/s); the default is an"
         " assumption",
     )
-    k_yaw: FixedPositive = Field(
+    yaw_gain: FixedPositive = Field(
         default=3.0, description="gain from the error of the yaw to a yaw rate (1/s); the default is an assumption"
     )
 
     def attitude_response(self) -> SecondOrderResponse:
-        """Return the second-order response that controllers assume for roll and pitch."""
-        # TODO measured
-        return SecondOrderResponse(12.0, 0.9)
+        """Return the second-order response of roll and pitch that controllers assume."""
+        gain = self.attitude_gain if self.mode == "acro" else _ANGLE_GAIN_UNIT * self._angle_gain()
+        omega = math.sqrt(gain * _RATE_GAIN)
+        return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * _RATE_GAIN / omega:.4g}"))
+
+    def _angle_gain(self) -> float:
+        """Return the value of Betaflight's setting `angle_p_gain`."""
+        values = [match.group(1) for match in map(_ANGLE_GAIN_PATTERN.fullmatch, self.settings) if match]
+        return float(values[-1]) if values else _DEFAULT_ANGLE_GAIN
 
     def recipes(
         self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool, curve: ThrustCurve | None
     ) -> dict[str, Recipe]:
         """Return the recipes to build the pilot, and the firmware that commands the motors."""
         thrust_factor, max_speed = float(mean_thrust_factor(nominal)), float(nominal.max_rotor_speed)
-        pilot = PilotParameters(self.k_attitude, self.k_yaw, thrust_factor, max_speed, nominal.gravity, curve)
+        pilot = PilotParameters(self.attitude_gain, self.yaw_gain, thrust_factor, max_speed, nominal.gravity, curve)
         weight = nominal.mass * nominal.gravity
         options = BetaflightOptions(
             self.period,
             self.mode,
             self.settings,
-            tuple([*nominal.rotors]),
+            nominal.rotors,
             float(np.clip(motor_command(weight, pilot), 0.0, 1.0)),
             max_speed if curve is None else 1.0,
         )
@@ -81,6 +97,12 @@ class BetaflightSettings(Autopilot):
             "autopilot": Recipe(BetaflightPilot, {"mode": self.mode, "follows_attitude": follows_attitude}, pilot),
             "firmware": Recipe(betaflight_in_the_loop, {"options": options, "command": command}, None),
         }
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield the gain of the attitude loop on the companion computer if Betaflight controls the attitude itself."""
+        yield from super().inactive_settings(flight, path)
+        if self.mode == "angle" and is_set(self, "attitude_gain"):
+            yield InactiveSetting(f"{path}.attitude_gain", f"{path}.mode is {self.mode}")
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the period is too long, or the control commands body rates in angle mode."""

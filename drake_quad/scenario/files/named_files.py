@@ -10,12 +10,14 @@ from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.mesh_file import mesh_points
 from drake_quad.scenario.files.policy_file import policy_network
+from drake_quad.scenario.files.setting_lines import setting_lines
 from drake_quad.scenario.paths import join_path
 
 _WILDCARD = "*"  # element of a path that matches every key of a mapping
 # Fields that may contain a file name, by path, each with a function that reads the file, given a library and the path.
 _FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("control", "network", "learned"): Library.mapping,
+    ("laboratory", "autopilot", "settings"): lambda _, path: setting_lines(path),
     ("control", "policy"): lambda _, path, *output: policy_network(path, *output),
     ("route", "pieces"): Library.pieces,
     ("space", "obstacles", _WILDCARD, "points"): lambda _, path: mesh_points(path),

@@ -53,4 +53,6 @@ class LearnedNetwork(Model):
 
 def allow_file_name(schema: dict[str, Any]) -> None:
     """Allow a file name in the JSON schema of a field, since its content can be read from a file."""
+    if "anyOf" not in schema:
+        schema["anyOf"] = [{key: schema.pop(key) for key in ("type", "items") if key in schema}]
     schema["anyOf"].insert(0, {"type": "string"})
