@@ -1,6 +1,7 @@
 """Process that advances only on request, so that it runs in lockstep with a simulation."""
 
 import contextlib
+import os
 import signal
 import socket
 import subprocess
@@ -64,7 +65,7 @@ class LockstepProcess:
             self._socket.close()
             directory.cleanup()
             raise FirmwareError(f"{name} cannot be started: {str(error.strerror).lower()}") from None
-        self._finalizer = weakref.finalize(self, _stop, self._process, self._socket, directory)
+        self._finalizer = weakref.finalize(self, _stop, os.getpid(), self._process, self._socket, directory)
 
     def send(self, request: bytes) -> None:
         """Send a request.
@@ -94,18 +95,6 @@ class LockstepProcess:
             raise self._explain_end()
         return reply
 
-    def wait_for_end(self) -> None:
-        """Wait until the process, which was asked to end, has ended.
-
-        Raises:
-            FirmwareError: if it does not end within 10 s.
-        """
-        try:
-            self._process.wait(_TIMEOUT)
-        except subprocess.TimeoutExpired:
-            self.close()
-            raise FirmwareError(f"{self._name} did not end within {_TIMEOUT:g} s and was stopped") from None
-
     def close(self) -> None:
         """Stop the process and delete its working folder."""
         self._finalizer()
@@ -129,7 +118,9 @@ class LockstepProcess:
         return FirmwareError(f"{self._name} ended {how}{wrote}")
 
 
-def _stop(process: subprocess.Popen[Any], connection: socket.socket, directory: Any) -> None:
+def _stop(owner: int, process: subprocess.Popen[Any], connection: socket.socket, directory: Any) -> None:
+    if os.getpid() != owner:  # in a fork of the process that started the firmware
+        return
     process.kill()
     process.wait()
     connection.close()

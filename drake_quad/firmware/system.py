@@ -11,6 +11,7 @@ from drake_quad.firmware.controller import FirmwareError, FlightController
 from drake_quad.process_settings import current_processor, on_processor
 
 _NUM_ROTORS = 4
+_START_MESSAGE = "the state of the firmware is not part of the context, so a simulation must start at time zero"
 
 
 class FirmwareInTheLoop(LeafSystem):
@@ -21,7 +22,7 @@ class FirmwareInTheLoop(LeafSystem):
     the next tick. A real flight controller takes a fraction of a millisecond for the computation.
 
     The discrete state contains the commands (4 rows), and the number of ticks. The state of the firmware itself is not
-    part of the context. A simulation can therefore only proceed from its start, and not from a copy of its context.
+    part of the context. A simulation can therefore only start at time zero, and not from the context of another one.
 
     The input and output ports are vectors with k rows of N elements, for N vehicles.
 
@@ -84,6 +85,8 @@ class FirmwareInTheLoop(LeafSystem):
         output.SetFromVector(context.get_discrete_state(self._commands).value())
 
     def _restart(self, context: Context, state: DiscreteValues) -> EventStatus:
+        if context.get_time() != 0.0:
+            raise FirmwareError(_START_MESSAGE)
         self.close()
         self._num_ticks = 0
         self._processor = current_processor()
@@ -101,10 +104,7 @@ class FirmwareInTheLoop(LeafSystem):
 
     def _step(self, context: Context, state: DiscreteValues) -> EventStatus:
         if not self._controllers or context.get_discrete_state(self._ticks).value()[0] != self._num_ticks:
-            raise FirmwareError(
-                "the state of the firmware is not part of the context, so a simulation can only start with"
-                " Simulator.Initialize and proceed in time"
-            )
+            raise FirmwareError(_START_MESSAGE)
         inputs = self.get_input_port().Eval(context).reshape(-1, self.num_vehicles).T
         time = self._num_ticks * self._period
         commands = np.empty((_NUM_ROTORS, self.num_vehicles))

@@ -28,6 +28,7 @@ from drake_quad.studies.flying import (
     build_before_fork,
     build_point_batch,
     code_versions,
+    default_batch_size,
     delete_fleets,
     fly_points,
     get_fleet,
@@ -80,6 +81,8 @@ class Evaluator:
             self.num_periods = math.ceil(flight_duration(scenario, plan) / noise_period)
             noise = NoiseSamples(period=noise_period, samples=(0,) * self.num_periods)
             scenario = scenario.model_copy(update={"noise": noise})
+        if scenario.laboratory.autopilot.is_firmware:
+            num_vehicles = min(num_vehicles, default_batch_size(scenario))
         self.scenario, self._pool, self._fleets = scenario, pool, dict[int, StudyFleet]()
         # A worker compares these versions with those of its own code.
         code = {} if pool is None else code_versions(user_systems)

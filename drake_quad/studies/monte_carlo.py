@@ -14,7 +14,6 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, InputWarning, lookup
 from drake_quad.flight.mission import plan_route
-from drake_quad.laboratory.metrics import recorded_metrics
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.draws import LATIN_HYPERCUBE, MAX_SIZE, SOBOL, DesignedDraws
@@ -26,6 +25,7 @@ from drake_quad.studies.flying import (
     build_before_fork,
     code_versions,
     crash_cause,
+    default_batch_size,
     delete_fleets,
     fly_batch,
     fly_trial,
@@ -37,10 +37,6 @@ from drake_quad.studies.study import Study, study_columns
 from drake_quad.studies.study_folder import StudyRows, open_study, report_saved_results
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches, size_of_batches
 
-# With about a thousand vehicles in a fleet, Drake's overhead per step is negligible. With 1,024 vehicles, all rows of a
-# column would compete for the same places in the processor's caches; vehicles with estimators then fly a third slower.
-_DEFAULT_BATCH_SIZE = 1000
-_RECORDED_BATCH_SIZE = 64  # smaller, since recording 30 s of flight takes a few megabytes per vehicle
 _TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
 # Tolerance on the difference between a sample that is flown alone and in a batch. A user's system may sum in a
 # different order, and vehicles that nearly crash amplify the rounding errors, so the tolerance is not zero.
@@ -151,7 +147,7 @@ def run_monte_carlo(
                 code_versions(user_systems),
                 scenario,
                 plan,
-                batch_size or _default_batch_size(scenario),
+                batch_size or default_batch_size(scenario),
                 user_systems,
                 compiled,
             )
@@ -162,7 +158,7 @@ def run_monte_carlo(
                 folder, scenario, num_samples, duration, user_systems, compiled=compiled, resume=resume
             ) as rows:
                 for count in checkpoints(num_samples) if rules else [num_samples]:
-                    missing, default = rows.missing(count), _default_batch_size(scenario)
+                    missing, default = rows.missing(count), default_batch_size(scenario)
                     size = size_of_batches(len(missing), pool.num_workers, batch_size, default)
                     _fly(pool, job._replace(num_vehicles=size), rows, missing, progress)
                     if rules and len(rows) and all(rule.is_met(rows.metrics(count)) for rule in rules):
@@ -283,8 +279,3 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
         if outcome.result is not None:
             message = f"sample 0: {outcome.result}; flights with such values count as crashed"
             warnings.warn(message, InputWarning, stacklevel=3)
-
-
-def _default_batch_size(scenario: Scenario) -> int:
-    """Return the default number of samples in a batch, which is smaller if metrics need recorded signals."""
-    return _RECORDED_BATCH_SIZE if recorded_metrics(scenario.metrics_type) else _DEFAULT_BATCH_SIZE

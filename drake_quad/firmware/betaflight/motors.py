@@ -10,8 +10,9 @@ from drake_quad.vehicle.rotors import ANTICLOCKWISE, CLOCKWISE, Rotor
 # rotation seen from above. Betaflight calls these directions of rotation "props in".
 _X = ((-135.0, CLOCKWISE), (-45.0, ANTICLOCKWISE), (135.0, ANTICLOCKWISE), (45.0, CLOCKWISE))
 _PLUS = ((180.0, CLOCKWISE), (-90.0, ANTICLOCKWISE), (90.0, ANTICLOCKWISE), (0.0, CLOCKWISE))
-_MIXERS = {"QUADX": _X, "QUADP": _PLUS}
-_MAX_ANGLE = 40.0  # °; largest angle between the direction of a motor and that of its rotor
+# Motors of each mixer, and the largest angle (°) between the direction of a motor and that of its rotor. The frame of
+# an x may be up to five times as long as wide.
+_MIXERS = {"QUADX": (_X, 34.0), "QUADP": (_PLUS, 11.0)}
 
 
 def motors_of_rotors(rotors: Sequence[Rotor], mixer: str, *, motors_reversed: bool) -> tuple[int, ...]:
@@ -28,14 +29,14 @@ def motors_of_rotors(rotors: Sequence[Rotor], mixer: str, *, motors_reversed: bo
     if mixer not in _MIXERS:
         names = " and ".join(_MIXERS)
         raise InputError(f"laboratory.autopilot.settings: the mixer {mixer} is not supported; use {names}")
-    motors, factor = _MIXERS[mixer], -1.0 if motors_reversed else 1.0
+    (motors, max_angle), factor = _MIXERS[mixer], -1.0 if motors_reversed else 1.0
     x, y = (sum(getattr(rotor, axis) for rotor in rotors) / len(rotors) for axis in "xy")
     indices = []
     for number, rotor in enumerate(rotors, 1):
         bearing = math.degrees(math.atan2(rotor.y - y, rotor.x - x))
         angles = [abs((bearing - angle + 180.0) % 360.0 - 180.0) for angle, _ in motors]
         index = angles.index(min(angles))
-        if angles[index] > _MAX_ANGLE:
+        if angles[index] > max_angle:
             other = next(name for name in _MIXERS if name != mixer)
             raise InputError(
                 f"laboratory.autopilot.settings: the mixer {mixer} does not fit nominal.layout; add the line"

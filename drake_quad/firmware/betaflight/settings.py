@@ -40,6 +40,7 @@ _SETTLING_TIME = 0.15  # s; ten time constants of the filter of `throttle_boost_
 # allows, and does not calibrate the barometer, which neither the angle mode nor the acro mode uses.
 _START_SETTINGS = ("set pwr_on_arm_grace = 0", "set gyro_calib_duration = 50", "set baro_hardware = NONE")
 _CALIBRATION_TIME = 4.0  # s from the initialization to the end of all calibrations, which was measured as 3.5 s
+_TEST_PULSE = 1300  # µs; pulse width of the throttle stick at which the motors of an armed vehicle turn
 _ARMING_TIME = 0.3  # s that the firmware needs to recognise the switch
 
 
@@ -242,7 +243,12 @@ def armed(file: bytes, settings: Settings, *, is_angle_mode: bool) -> Betaflight
         firmware.channels[_FIRST_AUX_CHANNEL:] = settings.switches(modes, {*without, ARM})
         firmware.run(_CALIBRATION_TIME)
         firmware.channels[_FIRST_AUX_CHANNEL:] = settings.switches({*modes, ARM}, without)
-        if not any(firmware.run(_ARMING_TIME)):
+        firmware.run(_ARMING_TIME)
+        # The motors may stand still while the throttle stick is down.
+        firmware.channels[THROTTLE] = _TEST_PULSE
+        motors = firmware.run(_SETTLING_TIME)
+        firmware.channels[THROTTLE] = LOW_PULSE
+        if not any(motors):
             raise InputError(
                 f"laboratory.autopilot.settings: Betaflight does not arm with these settings: {_arming_flags(firmware)}"
             )
