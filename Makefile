@@ -21,7 +21,7 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 # Scenarios whose diagrams are drawn in diagrams/drawings
 DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard outdoor robustness \
 	paper:low_wind_pd_t2fnn crazyswarm2:log08 nanobench forest bad_day:racer upset indoor_flow \
-	outdoor_gnss warehouse_uwb
+	outdoor_gnss warehouse_uwb betaflight
 
 # Tests that are run
 TESTS ?= -m "not long"

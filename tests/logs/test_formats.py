@@ -502,7 +502,7 @@ def written(tmp_path):
     """Return a log of each format that needs a library, with the name of the library."""
     return [
         (ARDUPILOT, "pymavlink", "ardupilot"),
-        (BLACKBOX, "betaflight_chirp_core", "betaflight"),
+        (BLACKBOX, "betaflight_chirp_core", "blackbox"),
         (ros_1_bag(tmp_path / "a.bag").read_bytes(), "rosbags", "ros"),
         (ros_2_bag(tmp_path / "b", plugin=StoragePlugin.SQLITE3).read_bytes(), "rosbags", "ros"),
         (ros_2_bag(tmp_path / "c", plugin=StoragePlugin.MCAP).read_bytes(), "mcap", "mcap"),

@@ -28,7 +28,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     Raises:
         InputError: if the decoder is not installed, or no flight can be read.
     """
-    decoder = log.library("betaflight_chirp_core.decoder", "betaflight")
+    decoder = log.library("betaflight_chirp_core.decoder", "blackbox")
     flights = decoder.split_sessions(log.data)
     if not flights:
         raise InputError(f"{log.mark}: is a Betaflight log whose first line is damaged")

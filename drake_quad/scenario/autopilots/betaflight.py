@@ -22,9 +22,10 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 _DEFAULT_ANGLE_GAIN = 50.0  # default of Betaflight's setting `angle_p_gain`
 _ANGLE_GAIN_UNIT = 0.1  # 1/s, gain from the error of the angle to a body rate per unit of `angle_p_gain`
 _ANGLE_GAIN_PATTERN = re.compile(r"\s*set\s+angle_p_gain\s*=\s*(\d+)\s*")
-# Gain of a proportional rate loop that responds to steps of the angle as Betaflight does, 1/s. It was fitted to a step
-# of 0.2 rad by the vehicle `racer` with Betaflight's default settings, with a deviation of 1 % of the step.
-_RATE_GAIN = 49.0
+# Gain of a proportional rate loop with which an attitude loop responds to a step as in each flight mode, 1/s. It was
+# fitted to a step of 0.2 rad in roll by the vehicle `racer` with Betaflight's default settings, with a deviation of 1 %
+# (angle) and 2 % (acro) of the step. In angle mode, Betaflight filters the output of its attitude loop.
+_RATE_GAINS = {"angle": 49.0, "acro": 72.0}
 
 
 @AUTOPILOTS.register
@@ -69,8 +70,9 @@ class BetaflightSettings(Autopilot):
     def attitude_response(self) -> SecondOrderResponse:
         """Return the second-order response of roll and pitch that controllers assume."""
         gain = self.attitude_gain if self.mode == "acro" else _ANGLE_GAIN_UNIT * self._angle_gain()
-        omega = math.sqrt(gain * _RATE_GAIN)
-        return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * _RATE_GAIN / omega:.4g}"))
+        rate_gain = _RATE_GAINS[self.mode]
+        omega = math.sqrt(gain * rate_gain)
+        return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * rate_gain / omega:.4g}"))
 
     def _angle_gain(self) -> float:
         """Return the value of Betaflight's setting `angle_p_gain`."""

@@ -195,7 +195,7 @@ def test_nonsense_of_the_firmware_ends_the_flight_with_a_sentence(monkeypatch):
 
 
 def test_samples_do_not_depend_on_workers_or_batches():
-    uncertain = load_scenario("robustness", [SHORT], layers=["vehicles/racer", "firmware/betaflight"])
+    uncertain = load_scenario("robustness", [SHORT], layers=["vehicles/racer", "firmware/betaflight:angle"])
     studies = [
         run_monte_carlo(uncertain, 3, num_workers=workers, batch_size=size) for workers, size in ((1, 3), (2, 1))
     ]
