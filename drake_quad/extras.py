@@ -3,10 +3,8 @@
 from importlib import import_module
 from typing import Any
 
-from drake_quad.errors import InputError
 
-
-class MissingLibraryError(InputError, ImportError):
+class MissingLibraryError(ImportError):
     """Error for an optional library that is not installed. The message says how to install it."""
 
 

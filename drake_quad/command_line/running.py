@@ -13,6 +13,7 @@ from typing import Any
 from drake_quad.command_line.interruption import INTERRUPTION_MESSAGE, raise_interruptions
 from drake_quad.command_line.output import remark
 from drake_quad.errors import InputError, InputWarning
+from drake_quad.extras import MissingLibraryError
 from drake_quad.user_code import describe_error, user_traceback
 
 
@@ -58,7 +59,7 @@ def orderly_exit() -> Iterator[None]:
         yield
     except SystemExit as stop:
         status, has_exited = stop.code, True
-    except InputError as error:
+    except (InputError, MissingLibraryError) as error:
         status, message = 2, "\n".join(filter(None, [f"error: {error}", user_traceback(error)]))
     except BrokenPipeError:  # the process that reads the pipe has ended, so a message would not be read
         status = 1

@@ -105,8 +105,9 @@ def _compile(folder: Path, name: str, compiler: str, flags: tuple[str, ...]) -> 
     with tempfile.TemporaryDirectory() as temporary:
         sizes, library = Path(temporary) / "sizes.c", Path(temporary) / "library.so"
         sizes.write_text(_SIZES_CODE.format(name=name))
-        arguments = [*flags, "-shared", "-fPIC", "-I", folder, "-o", library, folder / f"{name}.c", sizes, "-lm"]
-        compile_c(compiler, arguments, folder / f"{name}.c")
+        source = folder / f"{name}.c"
+        arguments: list[Path | str] = [*flags, "-shared", "-fPIC", "-I", folder, "-o", library, source, sizes, "-lm"]
+        compile_c(compiler, arguments, source)
         return ctypes.CDLL(str(library))
 
 
@@ -240,9 +241,10 @@ def compile_for_board(folder: Path, core: str, program: Path) -> None:
     macros = [f'-DHEADER="{name}.h"', *(f"-D{part.upper()}={name}_{part}" for part in ("init", "step"))]
     macros += [f"-D{part.upper()}_T={name}_{part}_t" for part in ("inputs", "outputs")]
     macros += [f"-DSTATE_T={name}_t", f"-DPARAMETERS={name}_default_parameters"]
-    arguments = [*_CROSS_FLAGS, *CORES[core].flags, *macros, "-I", folder, "-nostartfiles", "-T", here / "board.ld"]
-    arguments += ["-Wl,--gc-sections", "-o", program, here / "board.c", folder / f"{name}.c", "-lm"]
-    compile_c(CROSS_COMPILER, arguments, folder / f"{name}.c")
+    source = folder / f"{name}.c"
+    arguments: list[Path | str] = [*_CROSS_FLAGS, *CORES[core].flags, *macros, "-I", folder, "-nostartfiles"]
+    arguments += ["-T", here / "board.ld", "-Wl,--gc-sections", "-o", program, here / "board.c", source, "-lm"]
+    compile_c(CROSS_COMPILER, arguments, source)
 
 
 def has_cross_compiler() -> bool:

@@ -14,12 +14,11 @@ class FlightController(Protocol):
     """Flight controller of one vehicle, which advances in steps of a fixed period.
 
     A step consists of two calls, so that the flight controllers of a fleet can compute at the same time.
-
-    Attributes:
-        initial_commands: (4,) commands of rotors 1 to 4 before the first step.
     """
 
-    initial_commands: Sequence[float]
+    @property
+    def initial_commands(self) -> Sequence[float]:
+        """Commands of rotors 1 to 4 before the first step."""
 
     def send(self, inputs: np.ndarray) -> None:
         """Start a step, given the inputs of the flight controller, a row of numbers.

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from drake_quad.errors import InputError
-from drake_quad.extras import import_extra
+from drake_quad.extras import MissingLibraryError, import_extra
 from drake_quad.process_settings import ProcessSetting
 from drake_quad.studies.provenance import code_difference, provenance
 from drake_quad.studies.worker_pool import Outcome, WorkerPool, failed_outcome, run_task
@@ -111,7 +111,10 @@ def dask_pool(address: str, num_workers: int | None = None) -> Iterator[DaskPool
     Raises:
         InputError: if Dask is not installed, no scheduler or no worker can be reached, or a worker has different code.
     """
-    client_class = import_extra("distributed", "cluster").Client
+    try:
+        client_class = import_extra("distributed", "cluster").Client
+    except MissingLibraryError as error:
+        raise InputError(str(error)) from None
     with _silently():
         client = _connected(client_class, address)
         try:

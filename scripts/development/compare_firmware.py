@@ -99,7 +99,7 @@ _LAST_SECONDS = 5.0  # s of a flight in which a thrown vehicle must be close to 
 
 
 class FlightResult(NamedTuple):
-    """Result of a flight.
+    """Result of a flight, or (N,) results of N flights.
 
     Attributes:
         rmse: root-mean-square position error, m.
@@ -109,10 +109,10 @@ class FlightResult(NamedTuple):
             the hover speed.
     """
 
-    rmse: float
-    crashed: float
-    recovered: float
-    activity: float
+    rmse: Any
+    crashed: Any
+    recovered: Any
+    activity: Any
 
     @classmethod
     def of(cls, flight: Flight) -> "FlightResult":
@@ -167,7 +167,8 @@ def main() -> None:
         for name in _CONTROLLERS
         for first in range(0, arguments.samples, _BATCH_SIZE)
     ]
-    waiting, flown = iter(tasks), {}
+    waiting = iter(tasks)
+    flown: dict[Task, list[FlightResult]] = {}
     with Workers(arguments.processes) as workers, new_bar(total=len(tasks), desc="batches of flights") as bar:
         for outcome in run_tasks(workers, fly, lambda: next(waiting, None)):
             if outcome.result is None:

@@ -327,7 +327,8 @@ def test_parameters_and_rules_of_a_cascade_follow_the_scenario():
 def test_an_autopilot_with_commanded_body_rates_has_no_attitude_error():
     autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
     for follows, weight in ((True, 0.4), (False, None)):
-        recipe = autopilot.recipes(QuadrotorParameters(), settings=autopilot, follows_attitude=follows, curve=None)["autopilot"]
+        options = {"settings": autopilot, "follows_attitude": follows, "curve": None}
+        recipe = autopilot.recipes(QuadrotorParameters(), **options)["autopilot"]
         assert recipe.parameters.yaw_weight == weight
 
 

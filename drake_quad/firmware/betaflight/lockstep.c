@@ -46,7 +46,7 @@ process receives requests and sends replies. The process ends when the other end
 /* Ports of the firmware's datagrams. */
 enum { MOTOR_PORT = 9002, STATE_PORT = 9003, CHANNEL_PORT = 9004 };
 
-/* Packets, as the firmware defines them in SITL/target.h. */
+/* Packets, as the header of the firmware's simulator target defines them. */
 typedef struct { double numbers[18]; } state_packet;
 typedef struct { double time; uint16_t channels[16]; } channel_packet;
 
