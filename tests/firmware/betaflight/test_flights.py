@@ -15,8 +15,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
-from drake_quad import build_tracking_diagram, load_scenario, run_monte_carlo, simulate
+from drake_quad import build_tracking_diagram, export_controller, load_scenario, run_monte_carlo, simulate
 from drake_quad.errors import InputError
+from drake_quad.exported.system import exported_controller
 from drake_quad.firmware.betaflight import system
 from drake_quad.firmware.betaflight.flight_controller import Betaflight
 from drake_quad.firmware.betaflight.settings import ARM, Settings, configured
@@ -213,6 +214,28 @@ def test_a_copy_of_the_context_cannot_be_simulated():
     Simulator(diagram).AdvanceTo(0.05)
     with pytest.raises(FirmwareError, match="the state of the firmware is not part of the context"):
         simulator.AdvanceTo(0.2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", ["angle", "acro"])
+def test_an_exported_controller_flies_in_front_of_the_firmware(tmp_path, mode):
+    exported = export_controller(scenario(mode=mode), tmp_path)
+    assert exported
+    original, with_c_code = (
+        simulate(scenario(mode=mode), control=control)
+        for control in (None, exported_controller(tmp_path)(num_vehicles=1))
+    )
+    np.testing.assert_allclose(with_c_code["state"], original["state"], rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mode", ["angle", "acro"])
+def test_the_firmware_holds_the_attitude_with_half_the_thrust_of_a_rotor(mode):
+    failure = {"rotor": 1, "time": 2.0, "speed_factor": 0.7}
+    flight = simulate(scenario({**HOVER, "duration": 12.0, "vehicle": {"rotor_failure": failure}}, mode=mode))
+    assert not flight.metrics.crashed
+    assert flight.euclidean_error.max() > 0.2
+    assert flight.euclidean_error[-50:].max() < 0.1
 
 
 def test_a_linear_model_is_refused_with_a_substitute():
