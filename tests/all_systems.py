@@ -70,7 +70,7 @@ from drake_quad.estimation.complementary_filter import ComplementaryFilter, Comp
 from drake_quad.estimation.corrections import HeightAiding, PositionAiding
 from drake_quad.estimation.covariance import InertialNoise
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.firmware.betaflight.laws import BetaflightPilot, PilotParameters
+from drake_quad.firmware.pilot import PilotParameters, StickPilot
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
@@ -717,9 +717,7 @@ FILTER_WITH_TWO_SENSORS_STRUCTURE = {
     ),  # height readings are stored until position readings arrive
 }
 
-BETAFLIGHT_PILOT = PilotParameters(
-    attitude_gain=8.1, yaw_gain=3.1, thrust_factor=4.2e-5, max_rotor_speed=510.0, gravity=9.7
-)
+STICK_PILOT = PilotParameters(attitude_gain=8.1, yaw_gain=3.1, thrust_factor=4.2e-5, max_rotor_speed=510.0, gravity=9.7)
 
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
@@ -735,8 +733,8 @@ FLEET_SYSTEMS = [
     ),
     Example(AttitudeAutopilot, PX4_AUTOPILOT, has_all_ports=False),
     Example(AttitudeController, PD_ATTITUDE),
-    Example(BetaflightPilot, BETAFLIGHT_PILOT, {"mode": "acro"}),
-    Example(BetaflightPilot, BETAFLIGHT_PILOT._replace(curve=ThrustCurve(0.1, 0.9, 3.1)), num_vehicles=2),
+    Example(StickPilot, STICK_PILOT, {"mode": "acro"}),
+    Example(StickPilot, STICK_PILOT._replace(curve=ThrustCurve(0.1, 0.9, 3.1)), num_vehicles=2),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, WRENCH_LINK, LOSSY_LINK, num_vehicles=2),
     Example(ErrorStateKalmanFilter, FILTER, FILTER_STRUCTURE, num_vehicles=2),

@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.firmware.betaflight.flight_controller import PITCH, ROLL, THROTTLE, YAW
-from drake_quad.firmware.betaflight.laws import BetaflightInput, Mode
 from drake_quad.firmware.betaflight.messages import Sensors
-from drake_quad.firmware.betaflight.motors import motors_of_rotors
+from drake_quad.firmware.betaflight.mixers import mixer_of
 from drake_quad.firmware.betaflight.settings import armed, configured
 from drake_quad.firmware.betaflight.sticks import PulseTable, StickTable
 from drake_quad.firmware.controller import FirmwareError
+from drake_quad.firmware.motors import motors_of_rotors
+from drake_quad.firmware.pilot import FlightControllerInput, Mode
 from drake_quad.firmware.system import FirmwareInTheLoop
 from drake_quad.vehicle.rotors import Rotors
 
@@ -43,7 +44,7 @@ class BetaflightOptions(NamedTuple):
 class BetaflightController:
     """Flight controller of one vehicle with Betaflight, armed and commanded to hover.
 
-    The inputs are the rows of a `BetaflightInput`. The outputs are the scaled commands of the rotors.
+    The inputs are the rows of a `FlightControllerInput`. The outputs are the scaled commands of the rotors.
 
     Args:
         options: options of the flight controller.
@@ -61,8 +62,15 @@ class BetaflightController:
         configuration = configured(options.settings)
         values = configuration.settings.values
         self._options = options
+        motors_reversed = values["yaw_motors_reversed"] == "ON"
         self._motors = motors_of_rotors(
-            options.rotors, configuration.settings.mixer, motors_reversed=values["yaw_motors_reversed"] == "ON"
+            options.rotors,
+            mixer_of(configuration.settings.mixer, motors_reversed=motors_reversed),
+            shape_advice="add the line `mixer QUADX` or `mixer QUADP` to laboratory.autopilot.settings",
+            turns_advice=(
+                f"add the line `set yaw_motors_reversed = {'OFF' if motors_reversed else 'ON'}` to"
+                " laboratory.autopilot.settings"
+            ),
         )
         roll, pitch, yaw = (StickTable.of(values, axis) for axis in ("roll", "pitch", "yaw"))
         if options.mode == "angle":
@@ -129,8 +137,8 @@ def betaflight_in_the_loop(num_vehicles: int = 1, *, options: BetaflightOptions,
     return FirmwareInTheLoop(
         num_vehicles,
         period=options.period,
-        input_name="betaflight_input",
-        num_inputs=len(BetaflightInput._fields),
+        input_name="flight_controller_input",
+        num_inputs=len(FlightControllerInput._fields),
         command=command,
         start=partial(BetaflightController, options),
     )

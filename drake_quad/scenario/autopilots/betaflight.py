@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from drake_quad.control.lqg.chains import SecondOrderResponse
-from drake_quad.firmware.betaflight.laws import BetaflightPilot, Mode, PilotParameters, motor_command
 from drake_quad.firmware.betaflight.system import BetaflightOptions, betaflight_in_the_loop
+from drake_quad.firmware.pilot import Mode, PilotParameters, StickPilot, motor_command
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
@@ -96,7 +96,7 @@ class BetaflightSettings(Autopilot):
         )
         command = "rotor_speed_command" if curve is None else "throttle_command"
         return {
-            "autopilot": Recipe(BetaflightPilot, {"mode": self.mode, "follows_attitude": follows_attitude}, pilot),
+            "autopilot": Recipe(StickPilot, {"mode": self.mode, "follows_attitude": follows_attitude}, pilot),
             "firmware": Recipe(betaflight_in_the_loop, {"options": options, "command": command}, None),
         }
 

@@ -1,8 +1,8 @@
-"""Inputs of Betaflight: the motion of the vehicle, and the commands of a pilot that follow from an attitude target.
+"""Inputs of a flight controller: motion of the vehicle, and commands of a pilot that follow from an attitude target.
 
-In angle mode, Betaflight controls roll and pitch. In acro mode it controls the body rates, and an attitude loop on a
-companion computer follows the commanded attitude. Betaflight never controls the yaw angle, so the pilot steers the yaw
-rate in both modes.
+In angle mode, the firmware controls roll and pitch. In acro mode it controls the body rates, and an attitude loop on a
+companion computer follows the commanded attitude. The stick for the yaw commands a rate in both modes, so the pilot
+controls the yaw angle.
 """
 
 from typing import Annotated, Literal, NamedTuple
@@ -32,15 +32,15 @@ from drake_quad.signals import (
 from drake_quad.vehicle.motors import ThrustCurve, throttle_from_thrust
 
 Mode = Literal["angle", "acro"]
-"""Flight modes of Betaflight."""
+"""Flight modes of firmware for pilots."""
 
 # Pressure of the standard atmosphere at sea level, and the height over which it falls by a factor of e (ISO 2533).
 _SEA_LEVEL_PRESSURE = 101_325.0  # Pa
 _SCALE_HEIGHT = 8434.5  # m; R T / g for dry air of 15 °C
 
 
-class BetaflightInput(NamedTuple):
-    """Input of Betaflight in a step. Thrust is a motor command between 0 and 1.
+class FlightControllerInput(NamedTuple):
+    """Input of a flight controller in a step: readings of sensors, motion of the vehicle, and commands of the pilot.
 
     Attributes:
         p: measured body rate about x.
@@ -63,7 +63,7 @@ class BetaflightInput(NamedTuple):
         roll: commanded roll in angle mode (rad), or body rate about x in acro mode (rad/s).
         pitch: commanded pitch in angle mode (rad), or body rate about y in acro mode (rad/s).
         yaw_rate: commanded body rate about z.
-        motor: commanded mean motor command.
+        motor: commanded mean of the motor commands, from 0 to 1.
     """
 
     p: BodyRateB
@@ -89,7 +89,7 @@ class BetaflightInput(NamedTuple):
     motor: Number
 
 
-SIGNALS["betaflight_input"] = BetaflightInput
+SIGNALS["flight_controller_input"] = FlightControllerInput
 
 
 class PilotParameters(NamedTuple):
@@ -121,7 +121,7 @@ def motor_command(thrust: Annotated[Row, Quantity("N")], parameters: PilotParame
     return sqrt(rotor_thrust / parameters.thrust_factor) / parameters.max_rotor_speed
 
 
-def betaflight_input(
+def flight_controller_input(
     target: AttitudeTarget,
     state: State,
     acceleration: VehicleAcceleration,
@@ -130,8 +130,8 @@ def betaflight_input(
     parameters: PilotParameters,
     mode: Mode,
     follows_attitude: bool,
-) -> BetaflightInput:
-    """Return the input of Betaflight.
+) -> FlightControllerInput:
+    """Return the input of a flight controller.
 
     Args:
         target: attitude target that arrived over the command link.
@@ -156,7 +156,7 @@ def betaflight_input(
             pitch = pitch + parameters.attitude_gain * (target.pitch - state.pitch)
     if follows_attitude:
         yaw_rate = yaw_rate + parameters.yaw_gain * wrap_angle(target.yaw - state.yaw)
-    return BetaflightInput(
+    return FlightControllerInput(
         *rates,
         *force,
         q_w,
@@ -178,12 +178,12 @@ def betaflight_input(
 
 
 @fleet_system(float, AutoDiffXd)
-class BetaflightPilot(FleetSystem):
-    """Inputs of Betaflight from the motion of the vehicle and an attitude target.
+class StickPilot(FleetSystem):
+    """Pilot and sensors of a flight controller: its inputs from the motion of the vehicle and an attitude target.
 
     .. pydrake_system::
 
-        name: BetaflightPilot
+        name: StickPilot
         input_ports:
         - attitude_target
         - state
@@ -191,14 +191,14 @@ class BetaflightPilot(FleetSystem):
         - gyroscope
         - accelerometer
         output_ports:
-        - betaflight_input
+        - flight_controller_input
 
-    `gyroscope` and `accelerometer` are readings of sensors. Without them, Betaflight receives the body rates in `state`
+    `gyroscope` and `accelerometer` are readings of sensors. Without them, the firmware receives the rates in `state`
     and the exact specific force. The only parameter of the context is `pilot`.
 
     Args:
         num_vehicles: number N of vehicles.
-        mode: flight mode of Betaflight.
+        mode: flight mode.
         follows_attitude: False if body rates are commanded without an attitude.
         parameters: parameters of the pilot.
     """
@@ -210,4 +210,4 @@ class BetaflightPilot(FleetSystem):
         gyroscope = self.input("gyroscope", layout=layout_of(BodyRates), absent=None)
         accelerometer = self.input("accelerometer", layout=layout_of(SpecificForce), absent=None)
         arguments = *motion, gyroscope, accelerometer, pilot, mode, follows_attitude
-        self.output("betaflight_input", betaflight_input, *arguments)
+        self.output("flight_controller_input", flight_controller_input, *arguments)

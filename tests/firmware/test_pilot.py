@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.firmware.betaflight.laws import BetaflightPilot, PilotParameters, betaflight_input, motor_command
+from drake_quad.firmware.pilot import PilotParameters, StickPilot, flight_controller_input, motor_command
 from drake_quad.laboratory.sensors.accelerometer import SpecificForce
 from drake_quad.signals import AttitudeTarget, BodyRates, State, VehicleAcceleration
 from drake_quad.testing import check_system
@@ -18,7 +18,7 @@ TARGET = AttitudeTarget(6.0, 0.3, 0.1, -3.0, 0.01, 0.02, 0.03)
 
 
 def input_of(mode="angle", follows_attitude=True, gyroscope=None, accelerometer=None):
-    return betaflight_input(TARGET, STATE, REST, gyroscope, accelerometer, PILOT, mode, follows_attitude)
+    return flight_controller_input(TARGET, STATE, REST, gyroscope, accelerometer, PILOT, mode, follows_attitude)
 
 
 def test_angle_mode_commands_the_angles_and_steers_the_yaw_through_the_shorter_way():
@@ -65,4 +65,4 @@ def test_the_motor_command_produces_the_thrust():
 
 @pytest.mark.parametrize("mode", ["angle", "acro"])
 def test_the_pilot_obeys_the_rules_of_systems(mode):
-    assert "derivatives" in check_system(lambda n: BetaflightPilot(num_vehicles=n, mode=mode, parameters=PILOT))
+    assert "derivatives" in check_system(lambda n: StickPilot(num_vehicles=n, mode=mode, parameters=PILOT))
