@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from drake_quad.errors import InputError
+from drake_quad.firmware.controller import FirmwareError
 from drake_quad.vehicle.rotors import Rotor
 
 
@@ -32,6 +33,7 @@ class Mixer(NamedTuple):
     max_angle: float
 
 
+_MAX_OVERSHOOT = 1e-6  # largest motor command beyond 0 or 1, from rounding
 X_ANGLE = 34.0
 """Largest angle of an x, in degrees; the frame may be five times as long as wide, or as wide as long."""
 PLUS_ANGLE = 11.0
@@ -65,3 +67,19 @@ def motors_of_rotors(rotors: Sequence[Rotor], mixer: Mixer, *, shape_advice: str
             )
         indices.append(index)
     return tuple(indices)
+
+
+def rotor_commands(commands: Sequence[float], motors: Sequence[int], scale: float) -> tuple[float, ...]:
+    """Return the commands of the rotors of a vehicle.
+
+    Args:
+        commands: commands of the firmware's motors, from 0 to 1.
+        motors: index of the motor of each rotor; see `motors_of_rotors`.
+        scale: factor from a motor command to the result.
+
+    Raises:
+        FirmwareError: if a command is not between 0 and 1.
+    """
+    if not (min(commands) >= -_MAX_OVERSHOOT and max(commands) <= 1.0 + _MAX_OVERSHOOT):
+        raise FirmwareError(f"the motor commands of the firmware are {commands}, which are not between 0 and 1")
+    return tuple([scale * commands[motor] for motor in motors])

@@ -2,12 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiscreteValues, EventStatus, LeafSystem
 
 from drake_quad.firmware.controller import FirmwareError, FlightController
+from drake_quad.firmware.options import FlightControllerOptions
+from drake_quad.firmware.pilot import FlightControllerInput
 from drake_quad.process_settings import current_processor, on_processor
 
 _NUM_ROTORS = 4
@@ -32,7 +35,8 @@ class FirmwareInTheLoop(LeafSystem):
         input_name: name of the input port.
         num_inputs: number of inputs of the firmware of one vehicle.
         command: name of the output port, `throttle_command` or `rotor_speed_command`.
-        start: function that starts the firmware of one vehicle, at the start of a flight.
+        start: function that starts the firmware of a vehicle at the start of a flight, given the number of the vehicle
+            and its (num_inputs,) inputs.
     """
 
     def __init__(
@@ -43,7 +47,7 @@ class FirmwareInTheLoop(LeafSystem):
         input_name: str,
         num_inputs: int,
         command: str,
-        start: Callable[[], FlightController],
+        start: Callable[[int, np.ndarray], FlightController],
     ) -> None:
         super().__init__()
         self.num_vehicles = num_vehicles
@@ -84,6 +88,11 @@ class FirmwareInTheLoop(LeafSystem):
     def _copy_commands(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(self._commands).value())
 
+    def _inputs(self, context: Context) -> np.ndarray:
+        """Return the (N, k) inputs of the flight controllers."""
+        inputs: np.ndarray = self.get_input_port().Eval(context).reshape(-1, self.num_vehicles).T
+        return inputs
+
     def _restart(self, context: Context, state: DiscreteValues) -> EventStatus:
         if context.get_time() != 0.0:
             raise FirmwareError(_START_MESSAGE)
@@ -92,8 +101,8 @@ class FirmwareInTheLoop(LeafSystem):
         self._processor = current_processor()
         try:
             with on_processor(self._processor):
-                for _ in range(self.num_vehicles):
-                    self._controllers.append(self._start())
+                for vehicle, inputs in enumerate(self._inputs(context)):
+                    self._controllers.append(self._start(vehicle, inputs))
         except BaseException:
             self.close()
             raise
@@ -105,7 +114,7 @@ class FirmwareInTheLoop(LeafSystem):
     def _step(self, context: Context, state: DiscreteValues) -> EventStatus:
         if not self._controllers or context.get_discrete_state(self._ticks).value()[0] != self._num_ticks:
             raise FirmwareError(_START_MESSAGE)
-        inputs = self.get_input_port().Eval(context).reshape(-1, self.num_vehicles).T
+        inputs = self._inputs(context)
         time = self._num_ticks * self._period
         commands = np.empty((_NUM_ROTORS, self.num_vehicles))
         vehicle = 0
@@ -124,19 +133,46 @@ class FirmwareInTheLoop(LeafSystem):
         return EventStatus.Succeeded()
 
 
-@contextmanager
-def near_firmware(diagram: Diagram) -> Iterator[None]:
-    """Run the calling thread on the same processor as the firmware in a diagram; no effect without firmware.
+def firmware_in_the_loop(
+    num_vehicles: int = 1, *, controller: Any, options: FlightControllerOptions, command: str
+) -> FirmwareInTheLoop:
+    """Return the system that runs a firmware that is flown with sticks, for N vehicles.
 
-    Simulation and firmware never compute at the same time. On one processor they alternate in a few microseconds. On
-    two, each has to wake the other processor up, which makes flights half as fast.
+    Args:
+        num_vehicles: number of vehicles N.
+        controller: class of the flight controllers, whose arguments are the options, the number of the vehicle, and the
+            inputs at the start.
+        options: options of the flight controllers.
+        command: name of the output port, `throttle_command` or `rotor_speed_command`.
+    """
+    return FirmwareInTheLoop(
+        num_vehicles,
+        period=options.period,
+        input_name="flight_controller_input",
+        num_inputs=len(FlightControllerInput._fields),
+        command=command,
+        start=partial(controller, options),
+    )
+
+
+@contextmanager
+def firmware_session(diagram: Diagram) -> Iterator[None]:
+    """Run the calling thread beside the firmware of a diagram, and stop the firmware at the end of the statement.
+
+    Without firmware, there is no effect. Simulation and firmware never compute at the same time. On one processor they
+    alternate in a few microseconds. On two, each has to wake the other processor up, which makes flights half as fast.
     """
     systems = [system for system in _leaf_systems(diagram) if isinstance(system, FirmwareInTheLoop)]
     if not systems:
         yield
         return
-    with on_processor(current_processor() if systems[0].processor is None else systems[0].processor):
-        yield
+    processor = systems[0].processor
+    try:
+        with on_processor(current_processor() if processor is None else processor):
+            yield
+    finally:
+        for system in systems:
+            system.close()
 
 
 def _leaf_systems(diagram: Any) -> Iterator[Any]:

@@ -14,7 +14,7 @@ from drake_quad.assembly.registered_controllers import registered_leaf_systems
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
-from drake_quad.firmware.system import near_firmware
+from drake_quad.firmware.system import firmware_session
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
@@ -52,7 +52,7 @@ class FleetSimulation(ABC):
             duration: duration of the flight, s.
             progress: function that is called repeatedly with the simulated time and the duration, s.
         """
-        with near_firmware(self.simulator.get_system()):
+        with firmware_session(self.simulator.get_system()):
             fly(self.simulator, duration, check_interval=self._check_interval, jumps=self._jumps, progress=progress)
 
     @abstractmethod

@@ -1,8 +1,6 @@
 """Betaflight as the flight controller of a vehicle."""
 
 import math
-from functools import partial
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,35 +8,12 @@ from drake_quad.firmware.betaflight.flight_controller import PITCH, ROLL, THROTT
 from drake_quad.firmware.betaflight.messages import Sensors
 from drake_quad.firmware.betaflight.mixers import mixer_of
 from drake_quad.firmware.betaflight.settings import armed, configured
-from drake_quad.firmware.betaflight.sticks import PulseTable, StickTable
-from drake_quad.firmware.controller import FirmwareError
-from drake_quad.firmware.motors import motors_of_rotors
-from drake_quad.firmware.pilot import FlightControllerInput, Mode
-from drake_quad.firmware.system import FirmwareInTheLoop
-from drake_quad.vehicle.rotors import Rotors
+from drake_quad.firmware.betaflight.sticks import StickTable
+from drake_quad.firmware.motors import motors_of_rotors, rotor_commands
+from drake_quad.firmware.options import FlightControllerOptions
+from drake_quad.firmware.sticks import PulseTable
 
 _HOVER_TIME = 1.0  # s for which the sticks command hover before a flight begins, so that all filters have settled
-_MAX_OVERSHOOT = 1e-6  # largest motor command beyond 0 or 1, from rounding
-
-
-class BetaflightOptions(NamedTuple):
-    """Options of a flight controller with Betaflight.
-
-    Attributes:
-        period: period of a step, s.
-        mode: flight mode.
-        settings: lines of the command line of Betaflight.
-        rotors: rotors of the nominal vehicle.
-        hover_command: motor command in hover.
-        scale: factor from a motor command to the output, such as the largest rotor speed.
-    """
-
-    period: float
-    mode: Mode
-    settings: tuple[str, ...]
-    rotors: Rotors
-    hover_command: float
-    scale: float
 
 
 class BetaflightController:
@@ -48,6 +23,8 @@ class BetaflightController:
 
     Args:
         options: options of the flight controller.
+        vehicle: number of the vehicle in the fleet.
+        inputs: inputs at the start of the flight.
 
     Attributes:
         initial_commands: (4,) scaled commands of rotors 1 to 4 before the first step.
@@ -58,7 +35,7 @@ class BetaflightController:
         InputError: if the firmware refuses the settings, or the settings do not fit the vehicle.
     """
 
-    def __init__(self, options: BetaflightOptions) -> None:
+    def __init__(self, options: FlightControllerOptions, vehicle: int, inputs: np.ndarray) -> None:
         configuration = configured(options.settings)
         values = configuration.settings.values
         self._options = options
@@ -111,10 +88,7 @@ class BetaflightController:
         return self._rotor_commands(self._firmware.receive())
 
     def _rotor_commands(self, motors: tuple[float, ...]) -> tuple[float, ...]:
-        if not (min(motors) >= -_MAX_OVERSHOOT and max(motors) <= 1.0 + _MAX_OVERSHOOT):
-            raise FirmwareError(f"Betaflight commands its motors with {motors}, which are not between 0 and 1")
-        scale = self._options.scale
-        return tuple([scale * motors[motor] for motor in self._motors])
+        return rotor_commands(motors, self._motors, self._options.scale)
 
     def close(self) -> None:
         """Stop the firmware."""
@@ -124,21 +98,3 @@ class BetaflightController:
         channels = self._firmware.channels
         channels[ROLL], channels[PITCH] = self._roll.pulse(roll), self._pitch.pulse(pitch)
         channels[THROTTLE], channels[YAW] = self._throttle.pulse(motor), self._yaw.pulse(yaw_rate)
-
-
-def betaflight_in_the_loop(num_vehicles: int = 1, *, options: BetaflightOptions, command: str) -> Any:
-    """Return the system that runs Betaflight for N vehicles.
-
-    Args:
-        num_vehicles: number of vehicles N.
-        options: options of the flight controllers.
-        command: name of the output port, `throttle_command` or `rotor_speed_command`.
-    """
-    return FirmwareInTheLoop(
-        num_vehicles,
-        period=options.period,
-        input_name="flight_controller_input",
-        num_inputs=len(FlightControllerInput._fields),
-        command=command,
-        start=partial(BetaflightController, options),
-    )

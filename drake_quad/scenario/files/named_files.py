@@ -18,6 +18,7 @@ _WILDCARD = "*"  # element of a path that matches every key of a mapping
 _FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("control", "network", "learned"): Library.mapping,
     ("laboratory", "autopilot", "settings"): lambda _, path: setting_lines(path),
+    ("laboratory", "autopilot", "parameters"): lambda _, path: setting_lines(path),
     ("control", "policy"): lambda _, path, *output: policy_network(path, *output),
     ("route", "pieces"): Library.pieces,
     ("space", "obstacles", _WILDCARD, "points"): lambda _, path: mesh_points(path),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_quad.firmware.betaflight.sticks import PulseTable, StickTable, rate_curve
+from drake_quad.firmware.betaflight.sticks import StickTable, rate_curve
+from drake_quad.firmware.sticks import PulseTable
 
 COMMON = {
     "quickrates_rc_expo": "OFF",
