@@ -16,6 +16,7 @@ class FlightControllerOptions(NamedTuple):
         rotors: rotors of the nominal vehicle.
         hover_command: motor command in hover, from 0 to 1.
         scale: factor from a motor command to the output, such as the largest rotor speed.
+        commands_throttle: True if the outputs are throttles, False if they are rotor speeds.
         port: network port of the first vehicle's firmware; 0 if the firmware uses no network.
     """
 
@@ -25,4 +26,5 @@ class FlightControllerOptions(NamedTuple):
     rotors: Rotors
     hover_command: float
     scale: float
+    commands_throttle: bool
     port: int = 0

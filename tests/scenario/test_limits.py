@@ -350,7 +350,7 @@ SHORT_STEP_OVERRIDE = "vehicle.time_step=0.0025"
         ),
         (
             ["laboratory.autopilot.kind=px4"],
-            "autopilot.kind is 'px4', but must be one of 'ardupilot', ",
+            "autopilot.kind is 'px4', but must be one of 'ardupilot', 'attitude', 'betaflight', 'crazyflie_firmware'",
         ),
     ],
 )

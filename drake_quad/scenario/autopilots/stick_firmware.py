@@ -68,6 +68,7 @@ class StickFirmware(Autopilot):
             nominal.rotors,
             float(np.clip(motor_command(weight, pilot), 0.0, 1.0)),
             max_speed if curve is None else 1.0,
+            curve is not None,
             self.network_port(),
         )
         command = "rotor_speed_command" if curve is None else "throttle_command"
