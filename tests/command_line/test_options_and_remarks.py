@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from drake_quad.command_line import identify, judge, replicate, study
 from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, command_module
 from drake_quad.command_line.options import parse_overrides, scenario_from_arguments
+from drake_quad.identification.result import EstimatedValue, FlightDifference
 from drake_quad.logs.record import FlightRecord
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
@@ -240,3 +242,20 @@ def test_libraries_that_an_option_needs_are_checked_before_the_flight(run, repla
     result = run(command, "hover", option)
     assert (result.returncode, calls[flies]) == (2, [])
     assert "it is missing" in result.stderr
+
+
+def test_differences_between_flights_are_printed_with_their_units(capsys):
+    thrust, force = (EstimatedValue(value, deviation, "N") for value, deviation in ((0.02, 0.005), (0.3, 0.1)))
+    flights = (
+        FlightDifference("first", thrust, {"trim_force.x": force, "wind_force.y": force}),
+        FlightDifference("second", None, {}),
+    )
+    identify.print_flights(SimpleNamespace(flights=flights))
+    _, header, first, second = capsys.readouterr().out.splitlines()
+    assert re.split(r"\s{2,}", header.strip()) == [
+        *("flight", "thrust, %", "trim x, N", "trim y, N", "wind x, N", "wind y, N")
+    ]
+    assert re.split(r"\s{2,}", first.strip())[2:] == ["0.30 ± 0.20", "–", "–", "0.30 ± 0.20"]
+    assert second.split() == ["second", *["–"] * 5]
+    identify.print_flights(SimpleNamespace(flights=flights[1:]))
+    assert not capsys.readouterr().out

@@ -172,6 +172,7 @@ def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
     units = np.array([nominal.mass * nominal.gravity / HOVER_THRUST, *torque_units(nominal, HOVER_THRUST)])
     library = px4_library(project)
     px4_start(library, 0.02)
+    assert any("class MineModule :" in file.read_text() for file in project.rglob("*_module.cpp"))
 
     def decode(command):
         return command[:4] * units * [-1.0, *HALF_TURN]

@@ -20,7 +20,14 @@ from drake_quad import InputError, load_scenario, register_controller
 from drake_quad.export.controller import export_controller
 from drake_quad.exported import machines
 from drake_quad.exported.description import DESCRIPTION_FILE, read_description
-from drake_quad.exported.machines import CROSS_COMPILER, EMULATOR, HostMachine, compile_for_board, has_cross_compiler
+from drake_quad.exported.machines import (
+    CROSS_COMPILER,
+    EMULATOR,
+    EmulatedBoard,
+    HostMachine,
+    compile_for_board,
+    has_cross_compiler,
+)
 from drake_quad.exported.system import ExportedController, exported_controller
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -217,3 +224,9 @@ def test_an_emulated_board_ends_with_the_process_that_started_it(folder):
     while board.exists() and time.monotonic() < end:
         time.sleep(0.05)
     assert not board.exists()
+
+
+def test_programs_that_an_emulated_board_needs_are_reported_with_their_package(folder, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InputError, match="needs arm-none-eabi-gcc, .* install the package gcc-arm-none-eabi$"):
+        EmulatedBoard(folder, "cortex-m4f")

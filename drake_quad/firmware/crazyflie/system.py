@@ -114,7 +114,7 @@ def _bindings_folder() -> Path:
     found = importlib.util.find_spec("cffirmware")
     if found is None or found.origin is None:
         raise InputError(
-            "cffirmware is not installed; build it in a checkout of the Crazyflie's firmware by `make cf2_defconfig` and"
-            " `make bindings_python`, and add the folder build to PYTHONPATH"
+            "cffirmware is not installed; build it in a checkout of the Crazyflie's firmware by `make cf2_defconfig`"
+            " and `make bindings_python`, and add the folder build to PYTHONPATH"
         )
     return Path(found.origin).parent

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from drake_quad import simulate
 from drake_quad.control.fuzzy.adaptation import (
     AdaptationRates,
+    _with_valid_widths,
     adapt_antecedents,
     membership_derivatives,
     output_gradient,
@@ -212,3 +213,11 @@ def test_membership_derivatives_agree_with_the_membership():
             assert by_distance == pytest.approx(difference / 2e-6, rel=1e-6)
             difference = elliptic_membership(u, exponent + 1e-6) - elliptic_membership(u, exponent - 1e-6)
             assert by_exponent == pytest.approx(difference / 2e-6, rel=1e-6)
+
+
+def test_a_set_that_began_wider_than_all_sets_together_keeps_its_width():
+    """A set may be as wide as the distance from the first to the last centre, or as it was before learning."""
+    initial = FuzzySets(1.0, (-0.5, 0.0, 0.5), (1.6, 0.9, 0.7))
+    learned = initial._replace(widths=(1.5, 2.0, 2.0))
+    assert _with_valid_widths(learned, initial).widths == (1.5, 1.0, 1.0)
+    assert _with_valid_widths(learned._replace(widths=(3.0, 0.9, 0.7)), initial).widths[0] == 1.6
