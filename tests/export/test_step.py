@@ -15,6 +15,7 @@ from drake_quad import InputError
 from drake_quad.export.diagram_code import diagram_code
 from drake_quad.framework.c_code import DOUBLE
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
+from drake_quad.framework.records import ROW, Row
 from drake_quad.framework.wiring import append, build
 from drake_quad.signals import Acceleration
 
@@ -93,6 +94,10 @@ def next_mine_memory(memory: Acceleration) -> Acceleration:
     return memory._replace(x=memory.x + 3.0)
 
 
+def doubled_x(memory: Acceleration) -> Row:
+    return 2.0 * memory.x
+
+
 @fleet_system(float)
 class Counter(FleetSystem):
     """System with formulas `mine` and `next_mine_memory`, names that two variables of the C code also have."""
@@ -100,14 +105,16 @@ class Counter(FleetSystem):
     def declare(self) -> None:
         memory = self.state("memory", lambda _: Acceleration(1.0, 0.0, 0.0))
         self.output("acceleration_command", mine, memory)
+        self.output("number", doubled_x, memory, layout=ROW)
         self.update(0.02, next_mine_memory, memory, writes=[memory])
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_a_formula_may_have_the_same_name_as_a_variable_in_the_c_code(tmp_path):
+@pytest.mark.parametrize("port", ["acceleration_command", "number"])
+def test_formulas_may_return_a_record_or_a_row_and_have_the_same_name_as_a_variable_in_the_c_code(port, tmp_path):
     builder = DiagramBuilder()
     builder.AddNamedSystem("mine", Counter())
-    builder.ExportOutput(builder.GetSubsystemByName("mine").get_output_port(), "total")
+    builder.ExportOutput(builder.GetSubsystemByName("mine").GetOutputPort(port), "total")
     code = diagram_code(build(builder, "own"), name="own", outputs=["total"], output_period=0.02, precision=DOUBLE)
     (tmp_path / "own.h").write_text(code.header)
     (tmp_path / "own.c").write_text(code.source)

@@ -11,10 +11,12 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 from tick_jacobian import jacobian_of_tick
 
-from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad import InputError, build_tracking_diagram, draw_sample, load_scenario
+from drake_quad.framework.wiring import subsystem
+from drake_quad.linear import sampled_system
 from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, laboratory_plant
-from drake_quad.linear.context_vector import ContextVector
-from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, linearize_ticks, tick_after
+from drake_quad.linear.context_vector import ContextVector, scheduled_groups
+from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, linearize_ticks, settle, tick_after
 
 IMPERFECT_OVERRIDES = [
     "route={kind: hover}",
@@ -351,3 +353,20 @@ def test_linearizing_each_tick_of_a_period_gives_the_map_over_the_period():
     np.testing.assert_allclose(ticks[1].A @ ticks[0].A, period_model.A, rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(total, change, rtol=0.0, atol=1e-12)
     assert np.abs(ticks[0].A - ticks[1].A).max() > 0.1
+
+
+@pytest.mark.long
+def test_covariances_of_a_kalman_filter_are_settled(monkeypatch):
+    """Settling for twice the time changes no element by more than 2 % of the largest element."""
+    scenario = draw_sample(load_scenario("outdoor_gnss", ["route={kind: hover, position: [0, 0, 1]}"]), 0)
+    covariances = []
+    for factor in (1.0, 2.0):
+        monkeypatch.setattr(sampled_system, "_SETTLING_TIME", factor * sampled_system._SETTLING_TIME)
+        diagram = build_tracking_diagram(scenario)
+        context = diagram.CreateDefaultContext()
+        settle(diagram, context, period=0.04)
+        estimator = subsystem(diagram, ["laboratory", "estimator"])
+        group, *_ = scheduled_groups(estimator)
+        covariances.append(estimator.GetMyContextFromRoot(context).get_discrete_state(group).CopyToVector())
+    once, twice = covariances
+    np.testing.assert_allclose(once, twice, rtol=0.0, atol=0.02 * np.abs(twice).max())

@@ -58,6 +58,7 @@ def test_the_smallest_robustness_of_a_requirement_is_found_as_its_worst_case(sce
     assert worst_case.value == pytest.approx(
         0.1 - simulate(worst_case.scenario, compiled=True).metrics.peak_error, abs=1e-6
     )
+    assert worst_case.value < np.median(run_monte_carlo(scenario, 40, num_workers=1).metrics.near)
 
 
 @pytest.mark.long

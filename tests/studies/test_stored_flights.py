@@ -80,9 +80,13 @@ def test_a_search_that_was_killed_flies_only_missing_points(search, tmp_path, nu
     content = (tmp_path / FLIGHTS_FILE).read_bytes()
     (tmp_path / FLIGHTS_FILE).write_bytes(content[:num_bytes])
     num_stored = max(content[:num_bytes].count(b"\n") - 1, 0)
-    resumed_values, flown = search(resume=True)
+    reported = []
+    resumed_values, flown = search(resume=True, progress=reported.append)
     np.testing.assert_array_equal(resumed_values, values)
     assert sorted(flown) == sorted(POINTS[num_stored:].tolist())
+    # Progress counts stored flights as well.
+    assert sum(reported) == len(POINTS)
+    assert 0 not in reported
     assert (tmp_path / FLIGHTS_FILE).read_bytes() == content
 
 

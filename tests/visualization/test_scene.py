@@ -122,6 +122,15 @@ def ends(box, pose):
     return np.array([pose @ np.array([sign * half, 0.0, 0.0]) for sign in (-1.0, 1.0)])
 
 
+def test_arms_begin_at_the_roots_of_the_frame():
+    roots = tuple(np.array([0.02 * number, -0.01, 0.005]) for number in range(4))
+    scene = Scene()
+    draw_quadrotor(scene, "/v", Frame(rotors=X_LAYOUT, roots=roots), "black")
+    for number, (root, rotor) in enumerate(zip(roots, X_LAYOUT, strict=True), start=1):
+        drawn_ends = ends(scene.objects[f"/v/arm_{number}"], scene.poses[f"/v/arm_{number}"])
+        np.testing.assert_allclose(drawn_ends, [root, [rotor.x, rotor.y, rotor.z]], atol=1e-9)
+
+
 def test_the_parts_of_a_quadrotor_are_at_their_positions():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")

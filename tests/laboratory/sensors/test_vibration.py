@@ -127,6 +127,12 @@ def test_the_periodic_thrust_of_a_rotor_turns_the_vehicle_about_its_centre_of_ma
 
 
 @pytest.mark.parametrize("kind", SENSOR_TYPES)
+def test_rotors_at_rest_cause_no_vibration(kind):
+    measured = readings(kind, lambda k: (0.0,) * 4, 10, period=0.0025)
+    np.testing.assert_allclose(measured, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", SENSOR_TYPES)
 def test_the_filtered_vibration_agrees_with_a_filter_in_continuous_time(kind):
     """`scipy.signal.lsim` filters a densely sampled vibration. The first 8 time constants, a transient, are ignored."""
     period, speeds, bandwidth = 1e-5, (1100.0, 1200.0, 1300.0, 1400.0), 800.0
