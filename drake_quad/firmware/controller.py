@@ -13,7 +13,7 @@ class FirmwareError(RuntimeError):
 class FlightController(Protocol):
     """Flight controller of one vehicle, which advances in steps of a fixed period.
 
-    A step consists of two calls, so that the flight controllers of a fleet can compute at the same time.
+    A step consists of two calls, so that the whole fleet has its inputs before the simulation waits for an answer.
     """
 
     @property

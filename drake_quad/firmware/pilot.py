@@ -63,7 +63,7 @@ class FlightControllerInput(NamedTuple):
         roll: commanded roll in angle mode (rad), or body rate about x in acro mode (rad/s).
         pitch: commanded pitch in angle mode (rad), or body rate about y in acro mode (rad/s).
         yaw_rate: commanded body rate about z.
-        motor: commanded mean of the motor commands, from 0 to 1.
+        motor: commanded mean of the motor commands; 1 is the largest thrust.
     """
 
     p: BodyRateB
@@ -114,7 +114,7 @@ class PilotParameters(NamedTuple):
 
 
 def motor_command(thrust: Annotated[Row, Quantity("N")], parameters: PilotParameters) -> Number:
-    """Return the motor command, from 0 to 1, with which four rotors produce a thrust without torques."""
+    """Return the motor command with which four rotors produce a thrust without torques; 1 is the largest thrust."""
     rotor_thrust = 0.25 * maximum(thrust, 0.0)
     if parameters.curve is not None:
         return throttle_from_thrust(rotor_thrust, parameters.curve)

@@ -37,7 +37,7 @@ class LockstepProcess:
         folder: working folder of the process.
 
     Raises:
-        FirmwareError: if the process cannot be started, or ends before its first reply.
+        FirmwareError: if the process cannot be started.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class LockstepProcess:
             lines = (self.folder / _LOG).read_text(errors="replace").strip().splitlines()
             last_line = shorten_text(lines[-1], _MAX_LOG_LENGTH) if lines else ""
         self.close()
-        how = f"with status {status}"
+        how = "without a status" if status is None else f"with status {status}"
         if status is not None and status < 0:
             with contextlib.suppress(ValueError):
                 how = f"by signal {signal.Signals(-status).name}"

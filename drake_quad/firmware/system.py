@@ -14,7 +14,9 @@ from drake_quad.firmware.pilot import FlightControllerInput
 from drake_quad.process_settings import current_processor, on_processor
 
 _NUM_ROTORS = 4
-_START_MESSAGE = "the state of the firmware is not part of the context, so a simulation must start at time zero"
+_START_MESSAGE = (
+    "the state of the firmware is not part of the context, so a simulation must start at time zero; start a new one"
+)
 
 
 class FirmwareInTheLoop(LeafSystem):

@@ -106,7 +106,7 @@ class FlightResult(NamedTuple):
         crashed: 1 if the vehicle crashed, else 0.
         recovered: 1 if the vehicle is close to its reference in the last seconds of the flight, else 0.
         activity: root-mean-square change of the commanded rotor speeds from one control tick to the next, relative to
-            the hover speed.
+            the median speed.
     """
 
     rmse: Any

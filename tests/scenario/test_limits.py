@@ -349,8 +349,8 @@ SHORT_STEP_OVERRIDE = "vehicle.time_step=0.0025"
             "autopilot.damping.1 is 0, but must be larger than 0",
         ),
         (
-            ["laboratory.autopilot.kind=px4"],
-            "autopilot.kind is 'px4', but must be one of 'ardupilot', 'attitude', 'betaflight', 'crazyflie_firmware'",
+            ["laboratory.autopilot.kind=inav"],
+            "autopilot.kind is 'inav', but must be one of 'ardupilot', 'attitude', 'betaflight', 'crazyflie_firmware'",
         ),
     ],
 )

@@ -4,13 +4,10 @@ import socket
 import weakref
 from collections.abc import Sequence
 
-from drake_quad.firmware.ardupilot.messages import Motion, Servos, motion_message
+from drake_quad.firmware.ardupilot.messages import Servos, motion_message
 from drake_quad.firmware.controller import FirmwareError
+from drake_quad.firmware.remote_control import ADDRESS, START_TIMEOUT, STEP_TIMEOUT, Motion
 
-ADDRESS = "127.0.0.1"
-"""Address at which ArduPilot finds the simulation. Only programs on this computer can reach it."""
-_START_TIMEOUT = 60.0  # s of real time, for a user who starts ArduPilot after the flight
-_STEP_TIMEOUT = 20.0  # s of real time; ArduPilot repeats its outputs after 10 s without an answer
 _MAX_DATAGRAM = 4096  # bytes
 
 
@@ -32,19 +29,19 @@ class ArduPilotConnection:
         except OSError as error:
             self.close()
             raise FirmwareError(f"port {port} of {ADDRESS} cannot be used: {str(error.strerror).lower()}") from None
-        self._socket.settimeout(_START_TIMEOUT)
+        self._socket.settimeout(START_TIMEOUT)
         self._name = f"ArduPilot at port {port} of {ADDRESS}"
         try:
             self._frame = self._next_servos(-1).frame
         except FirmwareError:
             raise FirmwareError(
-                f"no {self._name} appeared within {_START_TIMEOUT:g} s; start it by: sim_vehicle.py -v ArduCopter"
-                f" --model JSON:{ADDRESS} --add-param-file FILE"
+                f"no {self._name} appeared within {START_TIMEOUT:g} s; start it by: sim_vehicle.py -v ArduCopter"
+                f" --model JSON:{ADDRESS} --add-param-file diagrams/firmware/ardupilot.param"
             ) from None
         if self._frame > 0:
             self.close()
             raise FirmwareError(f"{self._name} has already flown; start it again, so that the flight is repeatable")
-        self._socket.settimeout(_STEP_TIMEOUT)
+        self._socket.settimeout(STEP_TIMEOUT)
 
     def send(self, time: float, motion: Motion, channels: Sequence[int]) -> None:
         """Send the motion of the vehicle and the channels of the remote control at a time of the simulation, s.
@@ -79,7 +76,7 @@ class ArduPilotConnection:
                 datagram, self._peer = self._socket.recvfrom(_MAX_DATAGRAM)
             except OSError:
                 self.close()
-                raise FirmwareError(f"{self._name} did not answer within {_STEP_TIMEOUT:g} s") from None
+                raise FirmwareError(f"{self._name} did not answer within {STEP_TIMEOUT:g} s") from None
             servos = Servos.of(datagram)
             if servos is not None and servos.frame > frame:
                 return servos

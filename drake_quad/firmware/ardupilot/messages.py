@@ -5,6 +5,8 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from drake_quad.firmware.remote_control import Motion
+
 # Beginning of a datagram with servo outputs: a constant that depends on the number of servos, the rate at which
 # ArduPilot wishes to be called (Hz), and the number of the datagram. The pulse widths follow.
 _HEADER = struct.Struct("<HHI")
@@ -33,24 +35,6 @@ class Servos(NamedTuple):
         if len(datagram) != _HEADER.size + 2 * _NUM_SERVOS.get(magic, 0):
             return None
         return cls(frame, struct.unpack_from(f"<{NUM_MOTORS}H", datagram, _HEADER.size))
-
-
-class Motion(NamedTuple):
-    """Motion of the vehicle, with the axes forward, right and down, and north, east and down.
-
-    Attributes:
-        gyro: body rates, rad/s.
-        accel_body: specific force along the axes of the body, m/s².
-        position: position north, east and down, m.
-        quaternion: rotation from the axes of the body to north, east and down.
-        velocity: velocity north, east and down, m/s.
-    """
-
-    gyro: tuple[float, float, float]
-    accel_body: tuple[float, float, float]
-    position: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
-    velocity: tuple[float, float, float]
 
 
 def motion_message(time: float, motion: Motion, channels: Sequence[int]) -> bytes:

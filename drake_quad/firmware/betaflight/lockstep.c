@@ -2,16 +2,16 @@
 Library that is preloaded into the simulator build of Betaflight, and makes the firmware run in lockstep with a simulation.
 
 The firmware has a main thread and three worker threads: one receives the state of the vehicle, one the channels of the
-remote control, and one serves the serial ports. They use a real clock and sockets of the Internet. This library
+remote control, and one serves the serial ports. They use a real clock and network sockets. This library
 replaces the functions of the C library that they call:
 
-- The clock is virtual. It advances when the main thread sleeps and, by a few nanoseconds, whenever the clock is read, so
-  that loops that wait for a time end. When the main thread sleeps beyond the time to which the simulation allows the
-  firmware to run, the process sends a reply and waits for the next request.
+- The clock is virtual. It advances when the main thread sleeps and, by 50 ns, at each call of clock_gettime, so that
+  loops that wait for a time end. When a sleep reaches the time to which the simulation allows the firmware to run, the
+  process sends a reply and waits for the next request.
 - The workers are coroutines instead of threads. They run only during a request, in a fixed order, so a flight does not
   depend on the scheduler of the operating system.
 - Datagrams are parts of requests and replies. Serial ports are Unix sockets in the working folder. The process never
-  opens a socket of the Internet, so many firmwares can run side by side.
+  opens a network socket, so many firmware processes can run side by side.
 
 The environment variable LOCKSTEP_SOCKET contains the number of an open socket (SOCK_SEQPACKET) over which the
 process receives requests and sends replies. The process ends when the other end is closed or its parent has died.

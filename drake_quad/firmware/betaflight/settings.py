@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.errors import InputError, join_names, short_repr
+from drake_quad.errors import InputError, did_you_mean, join_names, short_repr
 from drake_quad.firmware.betaflight.flight_controller import LOW_PULSE, THROTTLE, Betaflight
 from drake_quad.firmware.betaflight.messages import NUM_CHANNELS
 from drake_quad.firmware.controller import FirmwareError
@@ -17,11 +17,16 @@ ARM, ANGLE, HORIZON = 0, 1, 2
 """Numbers of flight modes in the command `aux`."""
 _MODE_NAMES = {ARM: "ARM", ANGLE: "ANGLE", HORIZON: "HORIZON"}
 _FIRST_AUX_CHANNEL = 4  # index of the channel AUX1; the channels before it belong to the sticks
-_NUM_MODE_RANGES = 20  # number of ranges that the command `aux` can define
 _SWITCH_RANGE = (1700, 2100)  # µs; range of a switch that this module assigns to a mode
 _MAX_PULSE = 2100  # µs
-# Commands that affect a simulated flight. Other commands of a `diff` describe the board and its wiring.
+# Commands that affect a simulated flight.
 _FLIGHT_COMMANDS = ("adjrange", "aux", "feature", "mixer", "mmix", "profile", "rateprofile", "set", "simplified_tuning")
+# Other commands of a `diff` or a `dump`, which describe the board and its wiring.
+_BOARD_COMMANDS = (
+    *("batch", "beacon", "beeper", "board_name", "color", "defaults", "diff", "dma", "dump", "led", "manufacturer_id"),
+    *("map", "mcu_id", "mode_color", "name", "resource", "rxfail", "rxrange", "save", "serial", "servo", "signature"),
+    *("smix", "timer", "vtx", "vtxtable"),
+)
 # Beginnings of the names of settings that describe the board, its sensors, the battery or the radio. They have no
 # effect on a simulated vehicle, whose sensors have the axes of the body, or are not part of the simulator build.
 _BOARD_SETTINGS = (
@@ -35,7 +40,7 @@ _BOARD_SETTINGS = (
 _ERROR_PATTERN = re.compile(r"###ERROR[^#]*###")
 # Throttle calibration: pulse widths (µs), and the duration until the motors have settled at each of them.
 _THROTTLE_PULSES = np.arange(1000.0, 2001.0, 50.0)
-_SETTLING_TIME = 0.15  # s; ten time constants of the filter of `throttle_boost_cutoff`, 15 Hz
+_SETTLING_TIME = 0.15  # s; fourteen time constants of the filter of `throttle_boost_cutoff`, 15 Hz
 # Settings that shorten the start: the firmware may be armed at once, calibrates the gyroscope with as few samples as it
 # allows, and does not calibrate the barometer, which neither the angle mode nor the acro mode uses.
 _START_SETTINGS = ("set pwr_on_arm_grace = 0", "set gyro_calib_duration = 50", "set baro_hardware = NONE")
@@ -71,17 +76,20 @@ class Settings(NamedTuple):
         values: values of the command `set` by name, in the selected profiles.
         mixer: name of the mixer, such as QUADX.
         mode_ranges: ranges in which the flight modes are active.
+        free_slots: numbers of the command `aux` that define no range.
     """
 
     values: Mapping[str, str]
     mixer: str
     mode_ranges: tuple[ModeRange, ...]
+    free_slots: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, dump: str) -> "Settings":
         """Return the settings, given the output of `dump all`."""
         sections: dict[str, dict[str, str]] = {"": {}}
-        section, selected, mixer, ranges = "", {"profile": "", "rateprofile": ""}, "", []
+        section, selected, mixer = "", {"profile": "", "rateprofile": ""}, ""
+        ranges, free_slots = [], []
         for line in map(str.strip, dump.splitlines()):
             word, _, rest = line.partition(" ")
             if word in selected:
@@ -92,11 +100,13 @@ class Settings(NamedTuple):
             elif word == "mixer" and rest:
                 mixer = rest
             elif word == "aux":
-                _, mode, channel, start, end, *_ = map(int, rest.split())
+                slot, mode, channel, start, end, *_ = map(int, rest.split())
                 if start < end:
                     ranges.append(ModeRange(mode, channel + _FIRST_AUX_CHANNEL, start, end))
+                else:
+                    free_slots.append(slot)
         values = sections[""] | sections.get(selected["profile"], {}) | sections.get(selected["rateprofile"], {})
-        return cls(values, mixer, tuple(ranges))
+        return cls(values, mixer, tuple(ranges), tuple(free_slots))
 
     def switches(self, modes: set[int], without: set[int]) -> list[int]:
         """Return the pulse widths (µs) of the channels from AUX1 on, with which some modes are active and others not.
@@ -119,8 +129,8 @@ class Settings(NamedTuple):
         if best is None:
             wanted, unwanted = (join_names([_MODE_NAMES[each] for each in sorted(some)]) for some in (modes, without))
             raise InputError(
-                f"laboratory.autopilot.settings: with its lines aux, no positions of the switches activate {wanted}"
-                f" without {unwanted}"
+                f"laboratory.autopilot.settings: with its lines aux, no positions of the switches activate"
+                f" {wanted or 'no mode'} without {unwanted}; give each mode a switch of its own"
             )
         pulse_of = dict(zip(used, best[1], strict=True))
         return [round(pulse_of.get(channel, LOW_PULSE)) for channel in range(_FIRST_AUX_CHANNEL, NUM_CHANNELS)]
@@ -140,7 +150,7 @@ class Configuration(NamedTuple):
         file: content of the file with the settings.
         settings: settings.
         throttle_pulses: pulse widths of the throttle stick, µs.
-        motor_commands: commands of the motors at these pulse widths while the vehicle rests, which increase.
+        motor_commands: (21,) mean motor commands at these pulse widths while the vehicle rests; they do not decrease.
     """
 
     file: bytes
@@ -161,7 +171,7 @@ def configured(lines: Iterable[str]) -> Configuration:
     Raises:
         FirmwareError: if the firmware fails.
         ImportError: if Betaflight is not installed.
-        InputError: if the firmware refuses a line, or cannot be armed with these settings.
+        InputError: if a line contains no command, the firmware refuses it, or cannot be armed with these settings.
     """
     flight_lines = tuple([line for line in map(str.strip, lines) if _affects_flight(line)])
     return _configurations.get(flight_lines, lambda: _configure(flight_lines))
@@ -171,6 +181,12 @@ def _affects_flight(line: str) -> bool:
     command, _, rest = line.partition(" ")
     if command == "set":
         return not rest.strip().lower().startswith(_BOARD_SETTINGS)
+    if command and not command.startswith("#") and command not in (*_FLIGHT_COMMANDS, *_BOARD_COMMANDS):
+        question = did_you_mean(command, _FLIGHT_COMMANDS)
+        raise InputError(
+            f"laboratory.autopilot.settings: {short_repr(line)} begins with no command of a Betaflight diff"
+            f"{f'; {question}' if question else ''}"
+        )
     return command in _FLIGHT_COMMANDS
 
 
@@ -182,7 +198,8 @@ def _configure(lines: Sequence[str]) -> Configuration:
         for line in lines:
             if error := _ERROR_PATTERN.search(firmware.command(line)):
                 raise InputError(
-                    f"laboratory.autopilot.settings: Betaflight refuses the line {short_repr(line)}: {error.group()}"
+                    f"laboratory.autopilot.settings: remove the line {short_repr(line)}, which Betaflight refuses:"
+                    f" {error.group()}"
                 )
         for line in _START_SETTINGS:
             firmware.command(line)
@@ -197,14 +214,22 @@ def _configure(lines: Sequence[str]) -> Configuration:
 
 
 def _missing_mode_commands(settings: Settings) -> list[str]:
-    """Return the commands that assign switches to the modes ARM and ANGLE if they have none."""
-    free_channels = iter(sorted({*range(_FIRST_AUX_CHANNEL, NUM_CHANNELS)} - {r.channel for r in settings.mode_ranges}))
-    free_ranges = iter(range(len(settings.mode_ranges), _NUM_MODE_RANGES))
+    """Return the commands that assign switches to the modes ARM and ANGLE if they have none.
+
+    Raises:
+        InputError: if all switches or all numbers of `aux` are in use.
+    """
+    modes = [mode for mode in (ARM, ANGLE) if mode not in {each.mode for each in settings.mode_ranges}]
+    free_channels = sorted({*range(_FIRST_AUX_CHANNEL, NUM_CHANNELS)} - {each.channel for each in settings.mode_ranges})
+    if len(modes) > min(len(free_channels), len(settings.free_slots)):
+        missing = join_names([_MODE_NAMES[mode] for mode in modes])
+        raise InputError(
+            f"laboratory.autopilot.settings: no switch is free for {missing}; remove a line aux, or assign a switch"
+        )
     start, end = _SWITCH_RANGE
     return [
-        f"aux {next(free_ranges)} {mode} {next(free_channels) - _FIRST_AUX_CHANNEL} {start} {end} 0 0"
-        for mode in (ARM, ANGLE)
-        if mode not in {each.mode for each in settings.mode_ranges}
+        f"aux {slot} {mode} {channel - _FIRST_AUX_CHANNEL} {start} {end} 0 0"
+        for slot, mode, channel in zip(settings.free_slots, modes, free_channels, strict=False)
     ]
 
 
@@ -220,7 +245,10 @@ def _motor_commands(file: bytes, settings: Settings) -> np.ndarray:
         firmware.close()
     commands: np.ndarray = np.maximum.accumulate(means)
     if not commands[-1] > commands[0]:
-        raise InputError("laboratory.autopilot.settings: the motors do not follow the throttle stick")
+        raise InputError(
+            "laboratory.autopilot.settings: the motor commands do not increase with the throttle stick; check the mixer"
+            " and the throttle settings"
+        )
     return commands
 
 

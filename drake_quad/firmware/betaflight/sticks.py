@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 _MAX_RATE = 1998.0  # °/s, largest rate of all curves
-_NUM_POINTS = 2001  # points of a tabulated curve: two for each microsecond of the pulse width
+_NUM_POINTS = 2001  # points of a tabulated curve: four for each microsecond from the middle to the end of a stick
 _HALF_RANGE = 500.0  # µs between the middle and the end of a stick
 _MIN_QUOTIENT = 0.01  # lower limit on the denominators of curves that grow towards the end of the stick
 

@@ -49,7 +49,7 @@ class CrazyflieController:
         self._motors = motors_of_rotors(
             options.rotors,
             _MIXER,
-            shape_advice="the Crazyflie has the layout x",
+            shape_advice="choose a layout of kind x",
             turns_advice="change rotor_1_turns in nominal.layout",
         )
         self._process = LockstepProcess(
@@ -88,7 +88,9 @@ class CrazyflieController:
         reply = self._process.receive()
         if len(reply) != REPLY.size:
             self.close()
-            raise FirmwareError(f"{_NAME} sent a reply of {len(reply)} bytes, which is not a reply")
+            raise FirmwareError(
+                f"{_NAME} sent {len(reply)} bytes instead of {REPLY.size}; build its Python bindings again"
+            )
         commands = [self._command(thrust) for thrust in REPLY.unpack(reply)]
         return rotor_commands(commands, self._motors, self._options.scale)
 

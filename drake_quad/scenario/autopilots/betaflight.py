@@ -27,9 +27,9 @@ class BetaflightSettings(StickFirmware):
 
     The attitude target on the command link is converted to the commands of sticks. In angle mode, Betaflight controls
     roll and pitch. In acro mode it controls body rates, and a companion computer controls roll and pitch. In both modes
-    the yaw is controlled by the yaw stick. Readings of the scenario's first gyroscope and accelerometer reach the
-    firmware, or exact values without these sensors. The attitude is exact, or that of the estimator: the simulator
-    build of Betaflight does not estimate the attitude itself.
+    the yaw is controlled by the yaw stick. The firmware receives the readings of the scenario's first gyroscope
+    and accelerometer. Without these sensors, it receives the body rates and the specific force of the true or estimated
+    motion. The attitude is true or estimated, too: the simulator build of Betaflight does not estimate it itself.
     """
 
     controller: ClassVar = BetaflightController

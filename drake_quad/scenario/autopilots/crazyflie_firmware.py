@@ -17,8 +17,9 @@ class CrazyflieFirmwareSettings(StickFirmware):
     """The PID controller and the power distribution of the Crazyflie's firmware, by its Python bindings `cffirmware`.
 
     The attitude target on the command link is converted to commands of roll, pitch, yaw rate and thrust, as a radio
-    sends them. Readings of the scenario's first gyroscope and accelerometer reach the firmware, or exact values without
-    these sensors. The attitude is exact, or that of the scenario's estimator.
+    sends them. The firmware receives the readings of the scenario's first gyroscope and accelerometer. Without these
+    sensors, it receives the body rates and the specific force of the true or estimated motion. The attitude is true, or
+    that of the scenario's estimator.
     """
 
     controller: ClassVar = CrazyflieController

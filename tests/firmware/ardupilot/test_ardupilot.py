@@ -10,9 +10,10 @@ from drake_quad import load_scenario, simulate, simulate_samples
 from drake_quad.errors import InputError
 from drake_quad.firmware.ardupilot import connection as module
 from drake_quad.firmware.ardupilot.connection import ArduPilotConnection
-from drake_quad.firmware.ardupilot.messages import Motion, Servos, motion_message
-from drake_quad.firmware.ardupilot.system import parameters_of
+from drake_quad.firmware.ardupilot.messages import Servos, motion_message
+from drake_quad.firmware.ardupilot.system import DEFAULT_PARAMETERS, fields_of
 from drake_quad.firmware.controller import FirmwareError
+from drake_quad.firmware.remote_control import Motion, parameters_of
 
 
 @pytest.fixture
@@ -113,7 +114,7 @@ def test_a_vehicle_that_does_not_arm_is_refused(ardupilot, port):
 
 @pytest.mark.long
 def test_an_ardupilot_that_ends_in_flight_is_reported(ardupilot, port, monkeypatch):
-    monkeypatch.setattr(module, "_STEP_TIMEOUT", 0.5)
+    monkeypatch.setattr(module, "STEP_TIMEOUT", 0.5)
     ardupilot(max_steps=13_000)
     with pytest.raises(FirmwareError, match=rf"^the flight ended at .* s: ArduPilot at port {port} .* did not answer"):
         simulate(scenario(port, {"duration": 100.0}))
@@ -126,7 +127,7 @@ def test_an_ardupilot_that_has_flown_is_refused(ardupilot, port):
 
 
 def test_a_missing_ardupilot_is_reported_with_the_command_that_starts_it(port, monkeypatch):
-    monkeypatch.setattr(module, "_START_TIMEOUT", 0.1)
+    monkeypatch.setattr(module, "START_TIMEOUT", 0.1)
     with pytest.raises(FirmwareError, match="start it by: sim_vehicle.py -v ArduCopter --model JSON:127.0.0.1"):
         ArduPilotConnection(port)
 
@@ -139,7 +140,9 @@ def test_a_port_that_is_in_use_is_reported(port):
 
 
 def test_messages_have_the_published_format():
-    motion = Motion((0.1, 0.2, 0.3), (0.0, 0.0, -9.8), (1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0), (4.0, 5.0, 6.0))
+    motion = Motion(
+        (0.1, 0.2, 0.3), (0.0, 0.0, -9.8), (1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0), (4.0, 5.0, 6.0), 101_325.0
+    )
     assert motion_message(2.5, motion, [1500, 1000]) == (
         b'\n{"timestamp": 2.5, "imu": {"gyro": [0.1, 0.2, 0.3], "accel_body": [0.0, 0.0, -9.8]}, "position":'
         b' [1.0, 2.0, -3.0], "quaternion": [1.0, 0.0, 0.0, 0.0], "velocity": [4.0, 5.0, 6.0], "rc": {"rc_1": 1500,'
@@ -151,16 +154,20 @@ def test_messages_have_the_published_format():
     assert Servos.of(b"") is None
 
 
+def read(*lines):
+    return parameters_of(lines, DEFAULT_PARAMETERS, fields_of)
+
+
 def test_parameters_are_read_in_both_formats():
-    lines = ("# comment", "ANGLE_MAX,3000", "ACRO_RP_RATE 180.5 # slow", "ATC_RAT_RLL_P 0.1", "")
-    parameters = parameters_of(lines)
+    parameters = read("# comment", "ANGLE_MAX,3000", "ACRO_RP_RATE 180.5 # slow", "ATC_RAT_RLL_P 0.1", "")
     assert (parameters["ANGLE_MAX"], parameters["ACRO_RP_RATE"], parameters["FRAME_TYPE"]) == (3000.0, 180.5, 1.0)
-    with pytest.raises(InputError, match="the line 'ANGLE_MAX' must contain the name and the value of a parameter"):
-        parameters_of(("ANGLE_MAX",))
+    for line in ("ANGLE_MAX", "ANGLE_MAX fast", "ANGLE_MAX 1 2"):
+        with pytest.raises(InputError, match=f"the line '{line}' must contain the name and the value of a parameter"):
+            read(line)
 
 
 def test_the_shipped_parameters_are_the_defaults(diagrams):
     lines = (diagrams / "firmware" / "ardupilot.param").read_text().splitlines()
-    assert parameters_of(tuple(lines)) == parameters_of(())
+    assert read(*lines) == DEFAULT_PARAMETERS
     named = {line.split()[0] for line in lines if line and not line.startswith("#")}
-    assert parameters_of(()).keys() <= named
+    assert DEFAULT_PARAMETERS.keys() <= named

@@ -144,8 +144,14 @@ def test_a_file_of_settings_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (["set no_such_setting = 1"], "Betaflight refuses the line 'set no_such_setting = 1': .*INVALID NAME"),
-        (["set angle_limit = 999"], "Betaflight refuses the line 'set angle_limit = 999': .*INVALID VALUE"),
+        (
+            ["set no_such_setting = 1"],
+            "remove the line 'set no_such_setting = 1', which Betaflight refuses: .*INVALID NAME",
+        ),
+        (
+            ["set angle_limit = 999"],
+            "remove the line 'set angle_limit = 999', which Betaflight refuses: .*INVALID VALUE",
+        ),
         (["set min_throttle_typo"], "Betaflight refuses"),
         (["mixer QUADP"], "add the line `mixer QUADX` or `mixer QUADP`"),
         (["set yaw_motors_reversed = ON"], "add the line `set yaw_motors_reversed = OFF`"),

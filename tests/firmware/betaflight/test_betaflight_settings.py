@@ -95,7 +95,22 @@ def test_lines_that_describe_the_board_are_ignored(line, is_used):
 
 
 def test_modes_without_a_switch_get_one_on_a_free_channel():
-    settings = Settings({}, "QUADX", (ModeRange(28, 4, 1700, 2100), ModeRange(ARM, 6, 1700, 2100)))
-    assert module._missing_mode_commands(settings) == ["aux 2 1 1 1700 2100 0 0"]
+    settings = Settings({}, "QUADX", (ModeRange(28, 4, 1700, 2100), ModeRange(ARM, 6, 1700, 2100)), (1, 3))
+    assert module._missing_mode_commands(settings) == ["aux 1 1 1 1700 2100 0 0"]
     assert module._missing_mode_commands(Settings.of(DUMP)) == []
-    assert len(module._missing_mode_commands(Settings({}, "QUADX", ()))) == 2
+    assert len(module._missing_mode_commands(Settings({}, "QUADX", (), (0, 1)))) == 2
+    with pytest.raises(InputError, match="no switch is free for ANGLE; remove a line aux, or assign a switch"):
+        module._missing_mode_commands(settings._replace(free_slots=()))
+
+
+def test_free_slots_may_lie_between_used_ones():
+    settings = Settings.of("aux 0 0 0 900 900 0 0\naux 1 1 1 1700 2100 0 0\naux 2 0 0 900 900 0 0")
+    assert settings.mode_ranges == (ModeRange(ANGLE, 5, 1700, 2100),)
+    assert module._missing_mode_commands(settings) == ["aux 0 0 0 1700 2100 0 0"]
+
+
+def test_a_misspelt_command_is_refused():
+    with pytest.raises(
+        InputError, match="'sett d_roll = 20' begins with no command of a Betaflight diff; did you mean set"
+    ):
+        module._affects_flight("sett d_roll = 20")

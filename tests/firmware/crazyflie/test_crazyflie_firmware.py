@@ -67,7 +67,7 @@ def test_each_vehicle_of_a_fleet_has_its_own_firmware(monkeypatch):
 def test_a_plus_is_refused(monkeypatch):
     monkeypatch.syspath_prepend(str(STUB))
     plus = load_scenario("laboratory:nominal", layers=["vehicles/paper", "firmware/crazyflie:angle"])
-    with pytest.raises(InputError, match="do not fit nominal.layout; the Crazyflie has the layout x"):
+    with pytest.raises(InputError, match="do not fit nominal.layout; choose a layout of kind x"):
         simulate(plus)
 
 
