@@ -80,7 +80,7 @@ def test_the_wheel_contains_exactly_the_shipped_files(wheel):
     assert wheel.name.startswith(f"drake_quad-{drake_quad.__version__}-")
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
-    files = [path for kind in ("yaml", "npz") for path in (ROOT / "diagrams").rglob(f"*.{kind}")]
+    files = [path for kind in ("yaml", "npz", "param", "env") for path in (ROOT / "diagrams").rglob(f"*.{kind}")]
     shipped = {f"drake_quad/{path.relative_to(ROOT)}" for path in files}
     sources = {str(path.relative_to(ROOT)) for path in (ROOT / "drake_quad").rglob("*") if path.is_file()}
     assert names == shipped | {name for name in sources if "__pycache__" not in name}
