@@ -15,7 +15,7 @@ def find_compiler(purpose: str, name: str | None = None) -> str:
     """Return the path of a C compiler.
 
     Args:
-        purpose: what needs the compiler, for the error message, such as "flying exported code".
+        purpose: task that needs the compiler, for the error message, such as "flying exported code".
         name: name of the compiler. By default, the first of cc, gcc and clang that is on PATH.
 
     Raises:

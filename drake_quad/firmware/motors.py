@@ -46,8 +46,8 @@ def motors_of_rotors(rotors: Sequence[Rotor], mixer: Mixer, *, shape_advice: str
     Args:
         rotors: rotors of the vehicle.
         mixer: motors of the firmware.
-        shape_advice: what to do if the positions do not fit, for the error message.
-        turns_advice: what to do if the directions of rotation do not fit, for the error message.
+        shape_advice: advice if the positions do not fit, for the error message.
+        turns_advice: advice if the directions of rotation do not fit, for the error message.
 
     Raises:
         InputError: if the mixer does not fit the rotors.

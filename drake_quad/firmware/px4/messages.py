@@ -12,8 +12,8 @@ from drake_quad.firmware.remote_control import Motion
 # Place of the origin of W: PX4's usual place for simulations, near Zurich. The heights are above mean sea level.
 _LATITUDE, _LONGITUDE, _HEIGHT = 47.397742, 8.545594, 488.0  # °, °, m
 _EARTH_RADIUS = 6_371_000.0  # m; mean radius
-# Magnetic field of the earth at this place, north, east and down: 0.48 G, inclination 63.5°, declination 3° (World
-# Magnetic Model, rounded).
+# Magnetic field of the earth at this place, north, east and down: about 0.48 G, with an inclination of
+# 63.5° and a declination of 3°.
 _MAGNETIC_FIELD = (0.2139, 0.0112, 0.4296)  # G
 _TEMPERATURE = 25.0  # °C
 # Standard deviations of noise, much smaller than that of real sensors. PX4 considers a sensor as defective if its
@@ -22,7 +22,7 @@ _NOISE = np.repeat([0.01, 0.0005, 0.0005, 0.005], [3, 3, 3, 1])  # m/s², rad/s,
 _ALL_FIELDS = 0b1_1011_1111_1111  # of HIL_SENSOR, except for the differential pressure
 _FIX_3D = 3
 _NUM_SATELLITES = 12
-_POSITION_ACCURACY = 30  # cm; our choice
+_POSITION_ACCURACY = 30  # cm; an assumption, since the position is exact
 _UNKNOWN = 65_535
 NUM_MOTORS = 4
 """Number of actuator controls that are motors."""
@@ -40,7 +40,9 @@ class Px4Messages:
 
     def __init__(self, seed: int) -> None:
         self._mavlink = import_extra("pymavlink.dialects.v20.common", "px4")
-        self._encoder = self._mavlink.MAVLink(None, srcSystem=1, srcComponent=self._mavlink.MAV_COMP_ID_ALL)
+        self._encoder = self._mavlink.MAVLink(
+            None, srcSystem=1, srcComponent=self._mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+        )
         self._decoder = self._mavlink.MAVLink(None)
         self._decoder.robust_parsing = True
         self._noise = np.random.default_rng(seed)
