@@ -17,11 +17,17 @@ weight ½ for a lag of one block (W. K. Newey and K. D. West, Econometrica 55, 1
 
 A parameter that only a few blocks determine has few degrees of freedom. The degrees of freedom are the effective number
 of blocks, (Σ c_b)² / Σ c_b², minus one, where c_b is the diagonal of H⁻¹ H_b H⁻¹.
+
+By chance, all blocks may give nearly the same estimate. A confidence interval is therefore never narrower than the
+interval for a correct model, which follows from the normal distribution with the covariance H⁻¹.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+import scipy
+
+from drake_quad.statistics.interval import CONFIDENCE
 
 # Eigenvalues of the scaled information below this fraction of the largest one are treated as rounding errors.
 _MIN_EIGENVALUE_RATIO = 1e-12
@@ -32,7 +38,8 @@ class Uncertainty(NamedTuple):
 
     Attributes:
         covariance: (p, p) covariance of the errors.
-        degrees_of_freedom: (p,) degrees of freedom of the Student's t-distribution that each error follows.
+        degrees_of_freedom: (p,) degrees of freedom of the Student's t-distribution that each error follows; infinite
+            for the normal distribution.
         model_covariance: (p, p) covariance that the errors would have if the model and the noise were correct.
     """
 
@@ -66,8 +73,9 @@ def jackknife(
 ) -> Uncertainty:
     """Return the uncertainty of p parameters, estimated by the jackknife over B blocks.
 
-    Each variance is at least the corresponding variance in `Uncertainty.model_covariance`, and each parameter has at
-    least one degree of freedom.
+    If the 95 % interval of a parameter would be narrower than for a correct model, its variance is that in
+    `Uncertainty.model_covariance`, and its error follows the normal distribution. Each parameter has at least one
+    degree of freedom.
 
     Args:
         information: (B, p, p) information of the blocks.
@@ -80,18 +88,32 @@ def jackknife(
     total = information.sum(axis=0) + np.diag(prior_information)
     shifts = (pseudo_inverse(total - information, total) @ scores[:, :, None])[:, :, 0]
     inverse = pseudo_inverse(total, total)
-    degrees_of_freedom = effective_blocks(information, inverse) - 1.0
+    degrees_of_freedom = np.maximum(effective_blocks(information, inverse) - 1.0, 1.0)
     squares = shifts.T @ shifts
     if adjacent:
         neighbours = shifts[:-1].T @ shifts[1:]
         squares += 0.5 * (neighbours + neighbours.T)
     covariance = (num_blocks - 1) / num_blocks * squares + inverse @ np.diag(prior_information) @ inverse
     variances, model_variances = np.diag(covariance), np.diag(inverse)
-    # The jackknife variance is too small if the blocks give similar estimates by chance. The variance for a correct
-    # model is therefore the lower limit.
-    factors = np.sqrt(np.maximum(1.0, ratio(model_variances, variances, 1.0)))
+    # With a single degree of freedom, the jackknife cannot show that the model is wrong. The quantile of Student's
+    # distribution then remains.
+    has_spread = degrees_of_freedom > 1.0
+    quantiles = np.where(has_spread, quantile(degrees_of_freedom) / quantile(np.inf), 1.0)
+    is_narrow = quantiles**2 * variances < model_variances
+    factors = np.sqrt(np.where(is_narrow, ratio(model_variances, variances, 1.0), 1.0))
     covariance = np.where(np.eye(len(variances), dtype=bool) & (variances <= 0.0), model_variances, covariance)
-    return Uncertainty(covariance * np.outer(factors, factors), np.maximum(degrees_of_freedom, 1.0), inverse)
+    return Uncertainty(
+        covariance * np.outer(factors, factors), np.where(is_narrow & has_spread, np.inf, degrees_of_freedom), inverse
+    )
+
+
+def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
+    """Return the half-width of the 95 % interval of Student's t-distribution, in standard deviations of the estimate.
+
+    Args:
+        degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
+    """
+    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), degrees_of_freedom))
 
 
 def ratio(numerator: np.ndarray, denominator: np.ndarray, default: float) -> np.ndarray:

@@ -28,7 +28,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, sums_over_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, ratio, sums_over_blocks
 from drake_quad.identification.fit import PredictionFit
 from drake_quad.identification.model import NUM_BODY, Disturbance
 from drake_quad.identification.prediction_errors import Predictor
@@ -230,7 +230,8 @@ def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[EstimatedVal
         values=np.append(estimates.values, values + [vehicle_value(scenario, name) for name in TRIM_FORCE]),
         covariance=scipy.linalg.block_diag(estimates.covariance, np.diag(errors.mean(axis=1) / errors.shape[1])),
         degrees_of_freedom=np.append(
-            estimates.degrees_of_freedom, errors.sum(axis=1) ** 2 / (errors**2 / freedoms).sum(axis=1)
+            estimates.degrees_of_freedom,
+            ratio(errors.sum(axis=1) ** 2, (errors**2 / freedoms).sum(axis=1), np.inf),
         ),
         sources=(*sources, *[(source,)] * len(TRIM_FORCE)),
         variation=None if estimates.variation is None else estimates.variation.with_unknown_parameters(len(TRIM_FORCE)),

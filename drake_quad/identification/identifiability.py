@@ -9,14 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.identification.evidence import Uncertainty
+from drake_quad.identification.evidence import Uncertainty, quantile
 from drake_quad.identification.fit import PredictionFit
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import PreparedLogs
 from drake_quad.identification.result import ForecastOutput
-from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import plus_minus
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.prediction_errors import PredictionNoise
-from drake_quad.identification.results.estimates import Estimates, quantile
+from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.held_out import HeldOutErrors
 from drake_quad.scenario.models import Scenario
 

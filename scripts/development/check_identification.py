@@ -20,7 +20,7 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
-from drake_quad.identification.results.estimates import quantile
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, CheckedParameter, CheckTask, check_batch
 from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.processes import Workers

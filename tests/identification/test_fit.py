@@ -9,7 +9,7 @@ import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.identification import fit as fitting
-from drake_quad.identification.evidence import jackknife, sums_over_blocks
+from drake_quad.identification.evidence import effective_blocks, jackknife, quantile, sums_over_blocks
 from drake_quad.identification.fit import PredictionFit, noise_likelihood
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise
@@ -48,8 +48,11 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
         expected += 3 / 4 * 0.5 * (first.T @ second + second.T @ first)
     inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
     expected += inverse @ np.diag(prior) @ inverse
-    # Each variance is at least the variance for a correct model, which is on the diagonal of `inverse`.
-    scale = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
+    # Each interval is at least as wide as that for a correct model, whose variances are on the diagonal of `inverse`.
+    freedom = effective_blocks(sums_over_blocks(rows.swapaxes(1, 2) @ rows, blocks), inverse) - 1.0
+    widths = scipy.stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(expected))
+    is_narrow = widths < scipy.stats.norm.ppf(0.975) * np.sqrt(np.diag(inverse))
+    scale = np.where(is_narrow, np.sqrt(np.diag(inverse) / np.diag(expected)), 1.0)
     actual = PredictionFit(complete_fit, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ complete_fit, prior)
     if adjacent:
         result = actual.uncertainty(blocks)
@@ -61,12 +64,44 @@ def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray,
     np.testing.assert_allclose(result.model_covariance, inverse, rtol=1e-9)
 
 
-def test_the_jackknife_variance_is_at_least_the_variance_for_a_correct_model() -> None:
+def test_an_interval_is_at_least_as_wide_as_for_a_correct_model() -> None:
+    """The scores of the first parameter are far smaller than expected, and those of the second far larger."""
     information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
     scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
     result = jackknife(information, scores)
     assert result.covariance[0, 0] == pytest.approx(1.0 / 40.0)
     assert result.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
+    np.testing.assert_allclose(result.degrees_of_freedom, [np.inf, 9.0])
+    # The scores are such that the jackknife variance is slightly smaller than that of a correct model, but its
+    # interval, with the quantile for nine degrees of freedom, is wider.
+    similar = jackknife(information[:, 1:, 1:], np.tile([0.9, -0.9], 5)[:, None])
+    assert similar.covariance[0, 0] == pytest.approx(0.09)
+    assert similar.degrees_of_freedom == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize(("variance", "largest"), [(1.0, 0.98), (2.0, 0.97), (9.0, 0.96)])
+def test_jackknife_intervals_cover_the_true_value_also_if_the_model_is_correct(variance, largest) -> None:
+    """With ten blocks, at least 95 % of the intervals contain the true value, and few more.
+
+    Args:
+        variance: variance of the whitened errors. It is 1 if the model is correct.
+        largest: largest coverage.
+    """
+    rng, covered, count = np.random.default_rng(8), 0, 4000
+    for errors in np.sqrt(variance) * rng.normal(size=(count, 10)):
+        result = jackknife(np.ones((10, 1, 1)), (errors - errors.mean())[:, None])
+        half_width = quantile(result.degrees_of_freedom[0]) * np.sqrt(result.covariance[0, 0])
+        covered += abs(errors.mean()) < half_width
+    assert 0.94 < covered / count < largest
+
+
+def test_an_interval_from_a_single_informative_block_is_wide() -> None:
+    """The jackknife then cannot show that the model is wrong, so the interval has one degree of freedom."""
+    information, scores = np.zeros((10, 1, 1)), np.zeros((10, 1))
+    information[3] = 4.0
+    result = jackknife(information, scores)
+    assert result.covariance[0, 0] == pytest.approx(0.25)
+    assert result.degrees_of_freedom[0] == 1.0
 
 
 def test_condensed_residuals_keep_the_normal_equations_and_the_sum_of_squares() -> None:
@@ -104,7 +139,8 @@ def test_degrees_of_freedom_count_the_informative_blocks() -> None:
     jacobian = np.zeros((10, 5, 2))
     jacobian[:, :3, 0] = 1.0
     jacobian[:2, 3:, 1] = 1.0
-    fitted = PredictionFit(np.zeros(2), UNIT_NOISE, EMPTY_GAINS, jacobian, np.zeros((10, 5)), np.zeros(2))
+    errors = 30.0 * np.random.default_rng(1).normal(size=(10, 5))  # far more than the model expects
+    fitted = PredictionFit(np.zeros(2), UNIT_NOISE, EMPTY_GAINS, jacobian, errors, np.zeros(2))
     result = fitted.uncertainty(np.arange(10)).degrees_of_freedom
     np.testing.assert_allclose(result, [9.0, 1.0])
 

@@ -9,13 +9,14 @@ from drake_quad import InputError, load_scenario
 from drake_quad.identification import flight_differences
 from drake_quad.identification import identify as module
 from drake_quad.identification.delays import frame_age, total_delay
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.fit import PredictionFit
 from drake_quad.identification.model import DELAY
 from drake_quad.identification.parameters import Parameter, parameter_names
 from drake_quad.identification.prediction_errors import Gains, Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, prepare, window_blocks
 from drake_quad.identification.result import ForecastOutput
-from drake_quad.identification.results.estimates import ExplainedVariance, quantile
+from drake_quad.identification.results.estimates import ExplainedVariance
 from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 from drake_quad.identification.result import EstimatedValue
-from drake_quad.identification.results.estimates import quantile
 
 # Gains of a PD controller with feed-forward, in units of s.
 PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}

@@ -5,6 +5,7 @@ import pytest
 import scipy
 
 from drake_quad.errors import InputError
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.position_law import law, regression
 from drake_quad.identification.position_law.law import AxisLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import Piece
@@ -19,7 +20,6 @@ from drake_quad.identification.position_law.regression import (
     uncertainty,
 )
 from drake_quad.identification.result import EstimatedValue
-from drake_quad.identification.results.estimates import quantile
 
 PERIOD = 0.01  # s, sampling period
 BASIC_TERMS = ("position", "velocity", "reference_velocity", "reference_acceleration", "displacement", "integral")

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.identify import identify
-from drake_quad.identification.results.estimates import quantile
 from drake_quad.identification.results.vehicle_values import with_throttles, with_vehicle_values
 from drake_quad.identification.validation import prediction
 from drake_quad.identification.validation.prediction import (

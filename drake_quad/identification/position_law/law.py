@@ -33,6 +33,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.framework.result_cache import cached_on_disk
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.position_law.commands import FORMS, Form
 from drake_quad.identification.position_law.pieces import Piece, prepared_pieces
 from drake_quad.identification.position_law.regression import (
@@ -48,7 +49,6 @@ from drake_quad.identification.position_law.regression import (
     uncertainty,
 )
 from drake_quad.identification.result import EstimatedValue
-from drake_quad.identification.results.estimates import quantile
 from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 

@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import jackknife, pseudo_inverse, sums_over_blocks
+from drake_quad.identification.evidence import effective_blocks, jackknife, pseudo_inverse, quantile, sums_over_blocks
 from drake_quad.identification.position_law.pieces import MIN_REFERENCE_SPEED, Piece, block_numbers
 from drake_quad.identification.prepared_logs import MAX_DELAY
-from drake_quad.identification.results.estimates import quantile
 
 ESSENTIAL_TERMS = ("position", "velocity")
 """Terms without which there is no position law."""
@@ -266,7 +265,10 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
     blocks = np.tile(block_numbers(pieces), len(axes))
     information = sums_over_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
     scores = sums_over_blocks(derivatives * fit.residuals[:, None] / variance, blocks)
-    covariance, freedom, model = jackknife(information, scores)
+    covariance, _, model = jackknife(information, scores)
+    # The covariance for a correct model is too small for correlated residuals, so only its variances are a limit.
+    variances = np.maximum(np.diag(covariance), np.diag(model))
+    freedom = np.maximum(effective_blocks(information, model) - 1.0, 1.0)
     gain_of = dict(zip(fit.terms, fit.gains.tolist(), strict=True))
     bias = np.zeros(len(model))
     for signal_terms in (("position", "deviation"), ("velocity",)):
@@ -276,7 +278,7 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
         )
     for name, bound in _integration_rule_bias(gain_of, float(np.median(np.diff(pieces[0].time)))).items():
         bias[fit.terms.index(name)] += bound
-    return quantile(freedom) * np.sqrt(np.diag(covariance)) + bias, freedom
+    return quantile(freedom) * np.sqrt(variances) + bias, freedom
 
 
 def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[str, float]:

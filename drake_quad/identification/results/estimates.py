@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from drake_quad.errors import InputError, lookup, short_repr, shorten_text
+from drake_quad.identification.evidence import quantile, ratio
 from drake_quad.identification.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.declarations import Declaration, quantities_in
 from drake_quad.scenario.models import Laboratory, Vehicle
 from drake_quad.scenario.paths import join_path
-from drake_quad.statistics.interval import CONFIDENCE, Interval
+from drake_quad.statistics.interval import Interval
 
 
 @functools.cache
@@ -103,15 +103,6 @@ class ExplainedVariance(NamedTuple):
 
     fraction: float
     output: str
-
-
-def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
-    """Return the half-width of the 95 % interval of Student's t-distribution, in standard deviations of the estimate.
-
-    Args:
-        degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
-    """
-    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), degrees_of_freedom))
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +275,7 @@ class Estimates:
         return replace(
             self,
             covariance=covariance,
-            degrees_of_freedom=np.diag(covariance) ** 2 / parts,
+            degrees_of_freedom=ratio(np.diag(covariance) ** 2, parts, np.inf),
             variation=None,
             flight_variation=None,
         )

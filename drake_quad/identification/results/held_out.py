@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.evidence import Evidence
+from drake_quad.identification.evidence import Evidence, quantile
 from drake_quad.identification.random_effects import NUM_SEGMENTS, FlightSegments
-from drake_quad.identification.results.estimates import quantile
 
 
 class HeldOutErrors(NamedTuple):

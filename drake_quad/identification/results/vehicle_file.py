@@ -19,15 +19,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.representer import RoundTripRepresenter
 
 from drake_quad.errors import InputError, short_repr
 from drake_quad.files import output_folder, write_atomically
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.results.estimates import (
-    CONFIDENCE,
     Estimates,
     declaration_at,
     declaration_of,
@@ -227,7 +226,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
         return numbers
     part = estimates.for_new_flight().subset(varying)
     # The normal distribution is widened to the 95 % interval of Student's t-distribution.
-    widening = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
+    widening = part.quantiles() / quantile(np.inf)
     covariance = part.covariance * np.outer(widening, widening)
     for name, distribution in correlated_normals(varying, part.values, covariance, prefix=prefix).items():
         normal = distribution["normal"]

@@ -32,10 +32,10 @@ import scipy
 from drake_quad.errors import InputError, short_repr
 from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.identification.delays import total_delay
+from drake_quad.identification.evidence import quantile
 from drake_quad.identification.fit import fit
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
-from drake_quad.identification.results.estimates import quantile
 from drake_quad.identification.windows import LogWindow, WindowSizes, airborne_mask, held_out_mask, segment_numbers
 from drake_quad.logs.attitudes import rotation_matrices
 from drake_quad.logs.record import QUANTITIES, FlightRecord
