@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_controller, parser, resolve_output_folder, scenario_from_arguments
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.export.controller import export_controller
@@ -47,6 +48,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_from_arguments(arguments)
+    print_flight_remarks([scenario])
     folder = resolve_output_folder(arguments, scenario)
     export = export_controller(
         scenario,

@@ -123,7 +123,7 @@ def map_fields(arguments: argparse.Namespace) -> None:
         *save_figures({"field_map": figure}, folder, vector=arguments.vector),
     ]
     rows = [
-        (name, f"{100.0 * each.satisfied.mean():.0f} %", f"{100.0 * each.metrics.crashed.mean():.0f} %")
+        (name, *(f"{int(np.sum(mask)):,} of {mask.size:,}" for mask in (each.satisfied, each.metrics.crashed)))
         for name, each in maps.items()
     ]
     print_columns(("controller", "no crash, no violated requirement", "crashed"), rows)

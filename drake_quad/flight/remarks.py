@@ -26,6 +26,7 @@ from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 # the nominal value, which is larger than the error of any scale or data sheet, and a multiple of the standard deviation
 # of the field.
 _MIN_RELATIVE_DIFFERENCE = 0.2  # relative to the nominal value, or to the arm length for a position
+_MIN_MASS_DIFFERENCE = 0.05  # the same for the mass, which scales measure precisely
 _MIN_NUM_SIGMAS = 5.0  # standard deviations of the field
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
@@ -54,7 +55,7 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
         *_mixed_vehicles(scenario),
         *_inactive_settings(flight),
         *_certain_crashes(flight),
-        *_braking(flight),
+        *braking_remarks(scenario, flight.plan),
     )
 
 
@@ -146,7 +147,10 @@ def _mixed_vehicles(scenario: Scenario) -> list[str]:
         f"{name} {_median(actual):.4g}{unit} (nominal {nominal_value:.4g})"
         for name, nominal_value, actual, unit in _compared_quantities(scenario)
         if abs(_median(actual) - nominal_value)
-        > max(_MIN_RELATIVE_DIFFERENCE * nominal_value, _MIN_NUM_SIGMAS * _deviation(actual))
+        > max(
+            (_MIN_MASS_DIFFERENCE if name == "mass" else _MIN_RELATIVE_DIFFERENCE) * nominal_value,
+            _MIN_NUM_SIGMAS * _deviation(actual),
+        )
     ]
     differences += _rotor_differences(scenario)
     if not differences:
@@ -269,10 +273,14 @@ def _certain_crashes(flight: _PlannedFlight) -> Iterator[str]:
         )
 
 
-def _braking(flight: _PlannedFlight) -> list[str]:
-    """Return a remark if the route ends in motion before the end of the flight, so that the reference must brake."""
-    scenario = flight.scenario
-    if scenario.duration is None or (plan := flight.plan) is None or not continues_in_motion(scenario, plan):
+def braking_remarks(scenario: Scenario, plan: Plan | None) -> list[str]:
+    """Return a remark if the route ends in motion before the end of the flight, so that the reference must brake.
+
+    Args:
+        scenario: scenario to fly.
+        plan: plan to fly; None if the route cannot be planned.
+    """
+    if scenario.duration is None or plan is None or not continues_in_motion(scenario, plan):
         return []
     end = float(plan.path.times[-1])
     motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"

@@ -1,5 +1,6 @@
 """Gymnasium vector environment with a fleet of vehicles."""
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from gymnasium.vector.utils import batch_space
 
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
-from drake_quad.errors import InputError, check_integer, join_names, lookup, short_repr, shorten_text
+from drake_quad.errors import InputError, InputWarning, check_integer, join_names, lookup, short_repr, shorten_text
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
+from drake_quad.flight.remarks import braking_remarks
 from drake_quad.gym.episodes import Episode, Episodes
 from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
@@ -124,6 +126,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 raise InputError(f"{name} is {short_repr(names)}, but must be a list of names")
         self.scenario = environment_scenario(scenario, overrides, action=action, observation=observation)
         self.plan = plan or plan_route(self.scenario)
+        for remark in braking_remarks(self.scenario, self.plan):
+            warnings.warn(remark, InputWarning, stacklevel=2)
         self._tick = self.scenario.laboratory.command_link.period
         self._num_ticks = round(flight_duration(self.scenario, self.plan) / self._tick)
         diagram = build_fleet_diagram(Batch.draw(self.scenario, range(num_envs)), self.plan, open_action=True)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
+from drake_quad.errors import InputWarning
 from drake_quad.gym import QuadrotorVectorEnv
 
 
@@ -63,3 +64,16 @@ def test_an_episode_without_a_tick_is_not_the_last_completed_one(ticks):
     flight = envs.flight(1)
     assert len(flight.time) == ticks + 1
     assert (flight.scenario.seed, flight.scenario.sample) == (4, 0)
+
+
+def test_an_environment_warns_of_a_route_that_ends_in_motion():
+    route = {
+        "kind": "lissajous",
+        "centre": [0, 0, 1],
+        "amplitude": [1, 1, 0],
+        "turns": [1, 2, 0],
+        "period": 4.0,
+        "laps": 1,
+    }
+    with pytest.warns(InputWarning, match=r"^the route ends in motion \(.*\) at 4\.00 s"):
+        QuadrotorVectorEnv("figure_eight", {"route": route, "duration": 20.0}, action="rates")

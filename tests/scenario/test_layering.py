@@ -276,6 +276,24 @@ def test_duration_and_metrics_window_are_replaced_together_with_the_route(load):
     )
 
 
+def test_initial_state_and_requirements_are_replaced_together_with_the_route(load):
+    mixed, upset, other = load("upset", "figure_eight"), load_scenario("upset"), load_scenario("figure_eight")
+    assert upset.initial != other.initial
+    assert upset.requirements
+    assert mixed.initial == other.initial
+    assert mixed.requirements == {}
+    assert load("upset").requirements == upset.requirements
+
+
+def test_a_new_vehicle_has_no_drag_that_was_identified_with_another_one(load):
+    """The rest of the autopilot belongs to the laboratory."""
+    assert load_scenario("nanobench").laboratory.autopilot.neglected_drag is not None
+    autopilot = load("nanobench", "vehicles/racer", undesigned=True).laboratory.autopilot
+    expected = load_scenario("nanobench").laboratory.autopilot
+    assert autopilot.neglected_drag is None
+    assert autopilot.model_dump(exclude={"neglected_drag"}) == expected.model_dump(exclude={"neglected_drag"})
+
+
 def test_crash_limits_of_one_laboratory_do_not_apply_in_another(load):
     assert load_scenario("outdoor").crash.position_error == 20.0
     indoor = load("outdoor", "laboratory:nominal")
@@ -317,7 +335,7 @@ def test_a_flight_reports_that_nominal_differs_from_its_vehicle():
     (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
     assert "mass 0.68 kg (nominal 2)" in remark
     assert "inertia" not in remark
-    assert flight_remarks(load_scenario("figure_eight", {"vehicle.mass": 0.8})) == ()
+    assert flight_remarks(load_scenario("figure_eight", {"vehicle.mass": 0.71})) == ()
     uncertain = {"vehicle.mass": {"normal": {"mean": 0.9, "standard_deviation": 0.1, "min": 0.2}}}
     assert flight_remarks(load_scenario("figure_eight", uncertain)) == ()
     uncertain["vehicle.mass"]["normal"]["standard_deviation"] = 0.03
@@ -395,10 +413,17 @@ def test_a_random_centre_of_mass_is_reported_if_its_mean_is_five_standard_deviat
 
 
 def test_a_random_mass_is_reported_if_nominal_is_five_standard_deviations_away():
-    for standard_deviation, is_reported in ((0.059, True), (0.061, False)):
-        normal = {"normal": {"mean": 0.98, "standard_deviation": standard_deviation, "min": 0.2}}
+    """A mass is reported if it also differs from the nominal mass, 0.68 kg, by 5 %."""
+    for mean, standard_deviation, is_reported in (
+        (0.98, 0.059, True),
+        (0.98, 0.061, False),
+        (0.75, 0.013, True),
+        (0.75, 0.015, False),
+        (0.71, 0.001, False),
+    ):
+        normal = {"normal": {"mean": mean, "standard_deviation": standard_deviation, "min": 0.2}}
         assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": normal}))) == is_reported
-    for mass, is_reported in ((0.81, False), (0.82, True), (0.55, False), (0.54, True)):
+    for mass, is_reported in ((0.71, False), (0.72, True), (0.65, False), (0.64, True)):
         assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": mass}))) == is_reported
 
 

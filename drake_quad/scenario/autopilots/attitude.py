@@ -71,6 +71,7 @@ class AttitudeAutopilotSettings(Autopilot):
     noise_free: ClassVar = {"gyroscope_noise": 0.0, "attitude_noise": 0.0}
     bias_free: ClassVar = {"gyroscope_bias": (0.0, 0.0, 0.0)}
     loop_gains: ClassVar = ("k_attitude", "k_rate")
+    airframe_fields: ClassVar = ("neglected_drag",)
     kind: Literal["attitude"]
     period: Period = Field(  # type: ignore[misc]
         default=0.0025, description="period of both loops (s); the default is that of PX4's parameter IMU_GYRO_RATEMAX"

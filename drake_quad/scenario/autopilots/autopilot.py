@@ -36,6 +36,7 @@ class Autopilot(Model):
             designed.
         models_vehicle: True if the autopilot describes the joint response of autopilot and vehicle, which was
             identified with one particular vehicle.
+        airframe_fields: names of the fields that were identified with one particular vehicle.
         is_firmware: True if the autopilot is firmware in its own process, so that the loop has no linear model.
     """
 
@@ -49,6 +50,7 @@ class Autopilot(Model):
     bias_free: ClassVar[dict[str, Any]] = {}
     loop_gains: ClassVar[tuple[str, str] | None] = None
     models_vehicle: ClassVar[bool] = False
+    airframe_fields: ClassVar[tuple[str, ...]] = ()
     is_firmware: ClassVar[bool] = False
 
     @property

@@ -32,8 +32,8 @@ _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_ki
 # Fields of `nominal` that describe an airframe. A description also needs one of the fields that give the rotor
 # positions.
 _AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FLIGHT_FIELDS["nominal"]}
-# A new route removes all of these fields from the base, since the duration and the metrics belong to the old route.
-_ROUTE_FIELDS = ("route", "metrics", "duration")
+# A new route removes all of these fields from the base, since they belong to the old route.
+_ROUTE_FIELDS = ("route", "metrics", "duration", "initial", "requirements")
 
 
 def merge(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
@@ -121,7 +121,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
       new vehicle. If the base has an autopilot response that was identified with the old vehicle, the autopilot and the
       control that depends on it are removed.
     - A control with a kind replaces the control of the base.
-    - A route with a kind replaces the route of the base, together with the duration and the metrics.
+    - A route with a kind replaces the route of the base, together with the duration, the metrics, the initial state and
+      the requirements.
     """
     base_fields, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
@@ -196,19 +197,24 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
                 value={**({} if distributions is None else distributions.value), **kept_fields}
             )
     laboratory = kept.get("laboratory")
-    if laboratory is not None and isinstance(laboratory.value, dict) and _has_identified_autopilot(laboratory):
-        others = {name: part for name, part in laboratory.value.items() if name != "autopilot"}
-        kept["laboratory"] = laboratory._replace(value=others)
-        kept.pop("control", None)
-    return kept
-
-
-def _has_identified_autopilot(laboratory: Tree) -> bool:
-    """Return whether the autopilot is modelled by a response that was identified with one particular vehicle."""
-    autopilot = laboratory.value.get("autopilot")
-    kind = autopilot.value.get("kind") if autopilot is not None and isinstance(autopilot.value, dict) else None
+    parts = laboratory.value if laboratory is not None and isinstance(laboratory.value, dict) else {}
+    autopilot = parts.get("autopilot")
+    if laboratory is None or autopilot is None or not isinstance(autopilot.value, dict):
+        return kept
+    kind = autopilot.value.get("kind")
     model = None if kind is None else AUTOPILOTS.get(kind.value)
-    return model is not None and model.models_vehicle
+    if model is None:
+        return kept
+    others = {name: part for name, part in parts.items() if name != "autopilot"}
+    if model.models_vehicle:
+        kept.pop("control", None)
+    else:
+        fields_of_laboratory = {
+            name: part for name, part in autopilot.value.items() if name not in model.airframe_fields
+        }
+        others["autopilot"] = autopilot._replace(value=fields_of_laboratory)
+    kept["laboratory"] = laboratory._replace(value=others)
+    return kept
 
 
 def _has_kind(tree: Tree, field: str) -> bool:
