@@ -43,6 +43,7 @@ COMMANDS_BY_PURPOSE = {
     },
     "take to hardware": {
         "export": "write the controller of a scenario as C code",
+        "offboard": "fly a real vehicle that has PX4 or ArduPilot over MAVLink",
     },
     "use flight logs": {
         "identify": "identify a vehicle and its uncertainty from flight logs",

@@ -121,6 +121,27 @@ def motor_command(thrust: Annotated[Row, Quantity("N")], parameters: PilotParame
     return sqrt(rotor_thrust / parameters.thrust_factor) / parameters.max_rotor_speed
 
 
+def rate_command(
+    target: AttitudeTarget, state: State, attitude_gain: Gain, yaw_gain: Gain, follows_attitude: bool
+) -> BodyRates:
+    """Return the body rates that an attitude target commands.
+
+    Args:
+        target: attitude target.
+        state: motion of the vehicle.
+        attitude_gain: gain from the error of roll or pitch to a body rate.
+        yaw_gain: gain from the error of the yaw to a yaw rate.
+        follows_attitude: False if body rates are commanded without an attitude.
+    """
+    if not follows_attitude:
+        return BodyRates(target.p, target.q, target.r)
+    return BodyRates(
+        target.p + attitude_gain * (target.roll - state.roll),
+        target.q + attitude_gain * (target.pitch - state.pitch),
+        target.r + yaw_gain * wrap_angle(target.yaw - state.yaw),
+    )
+
+
 def flight_controller_input(
     target: AttitudeTarget,
     state: State,
@@ -148,14 +169,9 @@ def flight_controller_input(
     if force is None:
         force = SpecificForce(*specific_force(state, acceleration, SensorPosition(), parameters.gravity))
     q_w, q_x, q_y, q_z = Quaternion.of(state.roll, state.pitch, state.yaw)
-    roll, pitch, yaw_rate = target.roll, target.pitch, target.r
-    if mode == "acro":
-        roll, pitch = target.p, target.q
-        if follows_attitude:
-            roll = roll + parameters.attitude_gain * (target.roll - state.roll)
-            pitch = pitch + parameters.attitude_gain * (target.pitch - state.pitch)
-    if follows_attitude:
-        yaw_rate = yaw_rate + parameters.yaw_gain * wrap_angle(target.yaw - state.yaw)
+    roll, pitch, yaw_rate = rate_command(target, state, parameters.attitude_gain, parameters.yaw_gain, follows_attitude)
+    if mode == "angle":
+        roll, pitch = target.roll, target.pitch
     return FlightControllerInput(
         *rates,
         *force,

@@ -196,6 +196,7 @@ def test_a_crash_of_the_firmware_ends_the_flight_with_a_sentence(monkeypatch):
 
 
 def test_nonsense_of_the_firmware_ends_the_flight_with_a_sentence(monkeypatch):
+    simulate(scenario())  # measures the throttle curve, which is cached
     monkeypatch.setattr(Betaflight, "receive", lambda self: (math.nan, 0.0, 0.0, self._reply().motors[0]))
     with pytest.raises(FirmwareError, match=r"which are not between 0 and 1$"):
         simulate(scenario())

@@ -1,0 +1,81 @@
+"""Tests of the command `drake-quad offboard`."""
+
+import json
+import socket
+
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.command_line import offboard
+from drake_quad.offboard.link import OffboardError
+
+pytest.importorskip("pymavlink", reason="the extra px4 is not installed")
+from stand_in import FastClock, StandInVehicle
+
+SHORT = {
+    "kind": "waypoints",
+    "waypoints": [{"point": [0, 0, 1]}, {"point": [0.05, 0, 1]}],
+    "times": [0.0, 0.5],
+    "top_speed": None,
+    "top_acceleration": None,
+}
+
+
+def run(tmp_path, *options):
+    """Run the command with real time, and a vehicle that hovers."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    vehicle = StandInVehicle(port, clock=FastClock(1.0))
+    overrides = ["--set", f"route={json.dumps(SHORT)}", "--set", "metrics={start: 0, end: null}"]
+    arguments = ["onboard", *overrides, "--address", f"udpin:127.0.0.1:{port}", "--output", str(tmp_path), *options]
+    try:
+        offboard.main(offboard.options().parse_args(arguments))
+    finally:
+        vehicle.close()
+    return vehicle
+
+
+def test_a_flight_prints_its_phases_and_its_error(tmp_path, capsys):
+    vehicle = run(tmp_path, "--send", "attitude", "--engage")
+    words = capsys.readouterr().out
+    for text in (
+        "switching to OFFBOARD",
+        "following the route for 0.5 s",
+        "the route is complete",
+        "RMSE",
+        "thrust 0.",
+    ):
+        assert text in words
+    assert vehicle.mode == "LOITER"
+    assert (tmp_path / offboard.LOG).exists()
+    assert load_scenario(tmp_path / "scenario.yaml").name == "onboard"
+
+
+def test_a_dry_run_prints_no_error(tmp_path, capsys):
+    vehicle = run(tmp_path, "--dry-run")
+    words = capsys.readouterr().out
+    assert "the route is complete" in words
+    assert "RMSE" not in words
+    assert vehicle.received == []
+
+
+@pytest.mark.parametrize("fence", ["1,2,3", "-1,1,-1,1,2,x", "1,-1,-1,1,0,2", "-1,1,-1,1,nan,2"])
+def test_a_fence_that_is_no_box_is_refused(tmp_path, fence):
+    with pytest.raises(InputError, match=f"^--fence {fence}: "):
+        offboard.main(offboard.options().parse_args(["onboard", f"--fence={fence}", "--output", str(tmp_path)]))
+
+
+def test_a_flight_that_ends_early_fails(tmp_path):
+    with pytest.raises(OffboardError, match="the flight ended early: the speed"):
+        run(
+            tmp_path,
+            "--engage",
+            "--max-speed",
+            "0.2",
+            "--set",
+            "route.waypoints.1.point=[1,0,1]",
+            "--set",
+            "route.times.1=2.0",
+            "--fence=-9,9,-9,9,0,9",
+        )
