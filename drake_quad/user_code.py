@@ -17,6 +17,9 @@ _RUNNER = str(Path(__file__).parent / "command_line" / "running.py")
 # Folders of the standard library and of installed packages.
 _LIBRARIES = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")})
 
+# Libraries that are written in Cython report files that are not installed, such as scipy/spatial/_qhull.pyx.
+_CYTHON_SUFFIX = ".pyx"
+
 
 def takes_one_argument(function: Any) -> bool:
     """Return whether a function accepts a single positional argument; True if its signature is unknown."""
@@ -56,7 +59,9 @@ def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
                 # A frame that stops at `yield` is a context manager. The next frames belong to the body of its `with`
                 # statement, which this package did not call.
                 is_inside = is_inside or not (frame.line or "").startswith("yield")
-            elif is_inside and not frame.filename.startswith(("<", *_LIBRARIES)):
+            elif is_inside and not (
+                frame.filename.startswith(("<", *_LIBRARIES)) or frame.filename.endswith(_CYTHON_SUFFIX)
+            ):
                 frames.append(frame)
         if frames:
             return frames

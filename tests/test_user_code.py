@@ -149,3 +149,15 @@ def call_from_package(function):
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.name == "__contains__"]
         assert len(frames) == 1
         raise
+
+
+def test_frames_of_cython_libraries_do_not_count_as_user_code(mine, monkeypatch):
+    """Cython reports relative names of files that are not installed."""
+
+    def frames_of(filename):
+        frames = [traceback.FrameSummary(name, 1, "f", line="f()") for name in (lookup.__code__.co_filename, filename)]
+        monkeypatch.setattr(traceback, "extract_tb", lambda _: frames)
+        return user_frames(InputError("wrong"))
+
+    assert frames_of("scipy/spatial/_qhull.pyx") == []
+    assert len(frames_of("mine.py")) == 1

@@ -9,6 +9,8 @@ from drake_quad.framework.records import layout_of
 from drake_quad.signals import SIGNALS
 from drake_quad.user_code import describe_callable, takes_one_argument
 
+_PATH_SEPARATOR = "::"  # before each name in the path of a Drake system
+
 
 class UserSystems(NamedTuple):
     """The user's Drake systems in the closed loop or, for studies, functions that build these systems for N vehicles.
@@ -132,6 +134,8 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     if not _is_system(system):
         hint = ", an object and not its class or a function that returns it" if callable(system) else ""
         raise InputError(f"{name} must be a Drake system{hint}, but is {describe_callable(system)}")
+    if system.GetSystemPathname().count(_PATH_SEPARATOR) > 1:
+        raise InputError(f"{name} is already part of another diagram; create a new object for each simulation")
     inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
     outputs = {port.get_name(): port.size() for port in map(system.get_output_port, range(system.num_output_ports()))}
     if (ports.output not in outputs) if ports.named else (len(outputs) != 1):

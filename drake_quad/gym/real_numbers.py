@@ -13,13 +13,18 @@ MAX_ACTION = 1e6
 def real_numbers(values: Any) -> np.ndarray | None:
     """Return an array of floats; None if the values are not real numbers or do not form an array.
 
-    Text, times and complex numbers are rejected, although NumPy could convert them.
+    Text, times and complex numbers are rejected, although NumPy could convert them, and so are masked values.
     """
+    if isinstance(values, np.ma.MaskedArray):
+        return None
     try:
         array = np.asarray(values)
     except (TypeError, ValueError):
         return None
-    return array.astype(float) if np.can_cast(array.dtype, float, "same_kind") else None
+    if not np.can_cast(array.dtype, float, "same_kind"):
+        return None
+    with np.errstate(over="ignore"):  # numbers beyond the range of a float become infinite, and are rejected later
+        return array.astype(float)
 
 
 def single_precision(numbers: np.ndarray) -> np.ndarray:

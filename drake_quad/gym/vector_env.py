@@ -185,11 +185,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             The observations (N, components) and an empty dictionary.
 
         Raises:
-            InputError: if a seed is negative or too large, or the mask has the wrong shape or type.
+            InputError: if a seed is negative or too large, or the options or the mask has the wrong shape or type.
         """
         seeds = self._seeds_of(seed)
         super().reset(seed=None if seed is None or isinstance(seed, Sequence | np.ndarray) else int(seed))
         vehicles = self._all
+        if options is not None and not isinstance(options, Mapping):
+            raise InputError(f"options is {short_repr(options)}, but must be a dictionary")
         if options is not None and options.get("reset_mask") is not None:
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():

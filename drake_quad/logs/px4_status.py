@@ -40,6 +40,18 @@ _AIRFRAMES = {
     **dict.fromkeys((10, 11, 12), "a helicopter"),
     14: "a spacecraft",
 }
+# Vehicles that are not multirotors with four rotors, by thousands of SYS_AUTOSTART.
+_AIRFRAME_SERIES = {
+    2: "an aeroplane",
+    **dict.fromkeys((6, 7), "a hexarotor"),
+    **dict.fromkeys((8, 9, 12), "an octorotor"),
+    11: "a hexarotor",
+    13: "a VTOL",
+    14: "a tricopter",
+    16: "a helicopter",
+    50: "a ground rover",
+    60: "an underwater vehicle",
+}
 # Values of `vehicle_status.vehicle_type` other than 0 (unknown) and 1 (rotary wing).
 _VEHICLE_TYPES = {2: "an aeroplane", 3: "a ground rover", 4: "an airship"}
 _ARMED = 2  # value of `arming_state` of an armed vehicle
@@ -83,6 +95,7 @@ _VALIDITY_FLAGS = {
     "v_z_valid": ("vz",),
 }
 _DEFAULT_PULSE_RANGE = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
+_OUTPUT_GROUPS = ("MAIN", "AUX")  # groups of outputs in the names of PX4's parameters
 _MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 that assigns motor 1; 102 assigns motor 2
 _NUM_MOTORS = 4  # number of motors of a quadrotor
 _MICROSECOND = 1e-6  # s
@@ -109,6 +122,9 @@ def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
     for where, value, names in types:
         if value in names:
             return f"{names[value]} ({where} is {value})"
+    airframe = parameters.get("SYS_AUTOSTART", 0)
+    if (name := _AIRFRAME_SERIES.get(int(airframe) // 1000)) is not None:
+        return f"{name} (the parameter SYS_AUTOSTART is {airframe})"
     if status is not None and np.any(status.get("is_vtol", 0)):
         return "a VTOL (vehicle_status.is_vtol is 1)"
     rotors = parameters.get("CA_ROTOR_COUNT", 0)
@@ -204,32 +220,40 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
     Raises:
         InputError: if the longest pulse of a motor is not longer than its shortest pulse.
     """
-    channels = [
-        next((i for i in range(1, 17) if parameters.get(f"PWM_MAIN_FUNC{i}") == _MOTOR_FUNCTION + motor), motor + 1)
-        for motor in range(_NUM_MOTORS)
-    ]
+    # Boards with two groups of outputs may have the motors in either of them.
+    assigned = {
+        group: {
+            motor: channel
+            for channel in range(1, 17)
+            for motor in range(_NUM_MOTORS)
+            if parameters.get(f"PWM_{group}_FUNC{channel}") == _MOTOR_FUNCTION + motor
+        }
+        for group in _OUTPUT_GROUPS
+    }
+    group = max(_OUTPUT_GROUPS, key=lambda each: len(assigned[each]))
+    channels = [assigned[group].get(motor, motor + 1) for motor in range(_NUM_MOTORS)]
     names = [f"output[{channel - 1}]" for channel in channels]
     if not all(name in data for name in names):
         return dict(data), []
     result, ranges = dict(data), []
     for motor, (name, channel) in enumerate(zip(names, channels, strict=True)):
         low, high = (
-            _pulse_limit(parameters, end, channel, default)
+            _pulse_limit(parameters, f"PWM_{group}_{end}", channel, default)
             for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSE_RANGE)
         )
         if not low < high:
             raise InputError(
-                f"the parameters PWM_MAIN_MIN and PWM_MAIN_MAX set the pulses of motor {motor + 1} to {low:g} to"
+                f"the parameters PWM_{group}_MIN and PWM_{group}_MAX set the pulses of motor {motor + 1} to {low:g} to"
                 f" {high:g} µs, which is not a valid range: the minimum must be below the maximum"
             )
         ranges.append((low, high))
         shortest, longest = _DEFAULT_PULSE_RANGE
         result[f"output[{motor}]"] = shortest + (data[name].astype(float) - low) * (longest - shortest) / (high - low)
     remarks = []
-    is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
+    is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", f"PWM_{group}_M")) for name in parameters)
     range_text = join_names(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
     source = (
-        "according to the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        f"according to the parameters PWM_{group}_MIN, PWM_{group}_MAX and similar ones"
         if is_given
         else "assumed, since the log contains no such parameter"
     )
@@ -237,17 +261,23 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
     if channels != [*range(1, _NUM_MOTORS + 1)]:
         remarks.append(
             f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, according to the parameters"
-            " PWM_MAIN_FUNC1 and so on"
+            f" PWM_{group}_FUNC1 and so on"
         )
     return result, remarks
 
 
-def _pulse_limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
-    """Return the shortest ("MIN") or longest ("MAX") pulse of a channel, µs.
+def _pulse_limit(parameters: _Parameters, limit: str, channel: int, default: float) -> float:
+    """Return the shortest or longest pulse of a channel, µs.
 
     If a parameter is missing or negative, the next, more general parameter is used, and finally `default`.
+
+    Args:
+        parameters: parameters of PX4.
+        limit: name of the parameter for the whole group of outputs, such as PWM_MAIN_MIN.
+        channel: number of the channel.
+        default: value without a parameter, µs.
     """
-    for name in (f"PWM_MAIN_{end}{channel}", f"PWM_MAIN_{end}", f"PWM_{end}"):
+    for name in (f"{limit}{channel}", limit, f"PWM_{limit.rpartition('_')[2]}"):
         value = parameters.get(name, -1)
         if value >= 0:
             return float(value)

@@ -25,6 +25,8 @@ _ZERO_VECTOR = (0.0, 0.0, 0.0)
 _CIRCLE_SIDES = 32
 # Distance from a face, relative to the size of the solid, up to which a projected point counts as a point of the face.
 _RELATIVE_ROUNDING = 1e-12
+# Largest coordinate and smallest size of a hull. Squares and products of such lengths neither overflow nor underflow.
+_MAX_COORDINATE, _MIN_SIZE = 1e9, 1e-6  # m
 
 
 @dataclass(frozen=True)
@@ -307,10 +309,12 @@ def convex_hull(points: ArrayLike) -> Hull:
     coordinates = np.asarray(points, dtype=float)
     if coordinates.ndim != 2 or coordinates.shape[1] != 3 or len(coordinates) < 4:
         raise InputError(f"a hull needs at least 4 points of 3 coordinates, not an array of shape {coordinates.shape}")
-    if not np.isfinite(coordinates).all():
-        raise InputError("the points of a hull must be finite")
+    if not (np.abs(coordinates) <= _MAX_COORDINATE).all():
+        raise InputError(f"the coordinates of a hull must be finite, and at most {_MAX_COORDINATE:g} m")
     middle = coordinates.mean(axis=0)
     size = float(np.ptp(coordinates, axis=0).max())
+    if size < _MIN_SIZE:
+        raise InputError(f"the hull has a size of {size:.2g} m, but must be larger than {_MIN_SIZE:g} m")
     # A hull thinner than a millionth of its size counts as flat.
     if np.linalg.svd(coordinates - middle, compute_uv=False)[-1] <= 1e-6 * size:
         raise InputError(f"the {len(coordinates)} points of a hull are in a plane")

@@ -170,3 +170,13 @@ def test_a_user_defined_wind_may_have_random_inputs(diagrams):
     flights = [simulate(scenario, seed=seed, wind=wind) for seed, wind in zip((0, 0, 1), winds, strict=True)]
     assert (flights[0]["wind"] == flights[1]["wind"]).all()
     assert abs(flights[0]["wind"] - flights[2]["wind"]).max() > 0.1
+
+
+def test_a_system_of_another_diagram_is_refused():
+    controller = WithPorts(INPUT_SIZES, OUTPUT_SIZES)
+    scenario = load_scenario("laboratory:nominal")
+    build_tracking_diagram(scenario, position_controller=controller)
+    with pytest.raises(
+        InputError, match=r"^position_controller is already part of another diagram; create a new object"
+    ):
+        build_tracking_diagram(scenario, position_controller=controller)

@@ -77,3 +77,17 @@ def test_an_environment_warns_of_a_route_that_ends_in_motion():
     }
     with pytest.warns(InputWarning, match=r"^the route ends in motion \(.*\) at 4\.00 s"):
         QuadrotorVectorEnv("figure_eight", {"route": route, "duration": 20.0}, action="rates")
+
+
+def test_reset_options_that_are_no_dictionary_are_refused():
+    environment = QuadrotorVectorEnv("figure_eight", {"duration": 1.0}, action="rates")
+    with pytest.raises(InputError, match="^options is 5, but must be a dictionary$"):
+        environment.reset(seed=0, options=5)
+
+
+@pytest.mark.parametrize("action", [np.ma.masked_all((1, 4)), np.full((1, 4), np.longdouble("1e4000"))])
+def test_masked_and_huge_actions_are_refused(action):
+    environment = QuadrotorVectorEnv("figure_eight", {"duration": 1.0}, action="rates")
+    environment.reset(seed=0)
+    with pytest.raises(InputError, match="action"):
+        environment.step(action)

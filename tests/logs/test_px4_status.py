@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drake_quad.errors import InputError
 from drake_quad.logs.px4_status import (
     other_vehicle,
     status_remarks,
@@ -180,3 +181,26 @@ def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     # If one of the outputs is missing, the motor commands are unknown.
     incomplete = {name: values for name, values in data.items() if name != "output[2]"}
     assert with_motor_pulses(incomplete, {}) == (incomplete, [])
+
+
+def test_motors_on_auxiliary_outputs_are_read_with_their_own_limits():
+    data = {f"output[{i}]": np.full(3, 1100.0 + 50.0 * i) for i in range(8)}
+    parameters = {f"PWM_AUX_FUNC{channel}": 100 + motor for motor, channel in enumerate((3, 1, 2, 4), start=1)}
+    parameters |= {f"PWM_MAIN_FUNC{channel}": 0 for channel in range(1, 9)}
+    parameters |= {"PWM_AUX_MIN3": 1000, "PWM_AUX_MAX3": 1400, "PWM_MAIN_MIN3": 500, "PWM_AUX_MAX": 2000}
+    actual, remarks = with_motor_pulses(data, parameters)
+    np.testing.assert_allclose([actual[f"output[{i}]"][0] for i in range(4)], [1500.0, 1100.0, 1150.0, 1250.0])
+    assert "according to the parameters PWM_AUX_MIN, PWM_AUX_MAX and similar ones" in remarks[0]
+    assert remarks[1].endswith("outputs 3, 1, 2, 4, according to the parameters PWM_AUX_FUNC1 and so on")
+    with pytest.raises(InputError, match="the parameters PWM_AUX_MIN and PWM_AUX_MAX set the pulses of motor 1"):
+        with_motor_pulses(data, {**parameters, "PWM_AUX_MIN3": 1500})
+
+
+# From PX4's airframe reference; the numbers of quadrotors begin with 4 and 5.
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [(4001, ""), (5001, ""), (1001, ""), (0, ""), (2100, "an aeroplane"), (6001, "a hexarotor"), (13000, "a VTOL")],
+)
+def test_the_airframe_number_states_the_type_of_vehicle(number, expected):
+    text = f"{expected} (the parameter SYS_AUTOSTART is {number})" if expected else ""
+    assert other_vehicle({"SYS_AUTOSTART": number}, None) == text

@@ -324,7 +324,10 @@ def model_of(nodes, constants):
         "policy",
         [value("seen", TensorProto.FLOAT, [1, 6])],
         [value("done", TensorProto.FLOAT, [1, 3])],
-        [onnx.numpy_helper.from_array(values.astype(np.float32), name) for name, values in constants.items()],
+        [
+            onnx.numpy_helper.from_array(values if values.dtype == np.int64 else values.astype(np.float32), name)
+            for name, values in constants.items()
+        ],
     )
     return helper.make_model(graph)
 
@@ -782,6 +785,32 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
     (expected,) = evaluator.run(None, {"seen": OBSERVATION[None, None].astype(np.float32)})
     np.testing.assert_allclose(action, expected.ravel(), rtol=1e-5)
+
+
+def reshaped(name, source, target, *shape):
+    """Return a node that reshapes a value, and the constant with the shape."""
+    return helper.make_node("Reshape", [source, f"{name}_shape"], [target]), {f"{name}_shape": np.array(shape)}
+
+
+@pytest.mark.parametrize("exchanges", [True, False])
+def test_a_model_that_exchanges_observations_is_refused(load_onnx, exchanges):
+    """A transposition exchanges values unless one of the two lengths is 1."""
+    lengths = (3, 2) if exchanges else (6, 1)
+    first, first_shape = reshaped("first", "seen", "a", *lengths)
+    last, last_shape = reshaped("last", "b", "c", 1, 6)
+    nodes = [first, helper.make_node("Transpose", ["a"], ["b"]), last, helper.make_node("MatMul", ["c", "W"], ["done"])]
+    constants = {"W": 0.1 * RNG.normal(size=(6, 3)), **first_shape, **last_shape}
+    if exchanges:
+        with pytest.raises(InputError, match="exchanges values between its layers"):
+            load_onnx(nodes, constants)
+    else:
+        np.testing.assert_allclose(output(load_onnx(nodes, constants)), OBSERVATION @ constants["W"], rtol=1e-5)
+
+
+def test_a_constant_that_adds_rows_is_refused(load_onnx):
+    nodes = [helper.make_node("MatMul", ["seen", "W"], ["a"]), helper.make_node("Add", ["a", "b"], ["done"])]
+    with pytest.raises(InputError, match="input or output of several rows|numbers"):
+        load_onnx(nodes, {"W": 0.1 * RNG.normal(size=(6, 3)), "b": RNG.normal(size=(3, 1))})
 
 
 @pytest.mark.parametrize(

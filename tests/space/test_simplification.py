@@ -200,3 +200,19 @@ def test_a_simplified_hull_grows_in_proportion_to_its_size(scale):
     assert larger.growth == pytest.approx(scale * actual.growth, rel=1e-6)
     assert larger.size == pytest.approx(scale * np.ptp(points, axis=0).max())
     assert str(larger).endswith("% of its size")
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e300, "finite, and at most 1e"),
+        (np.inf, "finite, and at most 1e"),
+        (1e-160, "a size of 2e-160 m"),
+        (1e-300, "a size of"),
+    ],
+)
+def test_points_of_extreme_size_are_refused(factor, words):
+    points = np.random.default_rng(1).normal(size=(300, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    with pytest.raises(InputError, match=words):
+        simplified_hull(points * factor, 100)

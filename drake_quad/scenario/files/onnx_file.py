@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.control.policy.network import GELU_CUBIC_COEFFICIENT, WITH_ALPHA
+from drake_quad.control.policy.network import GELU_CUBIC_COEFFICIENT, WITH_ALPHA, Network, evaluate_network
 from drake_quad.errors import InputWarning, join_names, short_repr, shorten_text
 from drake_quad.extras import import_extra
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
@@ -52,6 +52,8 @@ _BINARY_NODES = ("Add", "Sub", "Mul", "Div")
 _ARITHMETIC = {"Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": np.divide, "Pow": np.power}
 # Bounds of at least this magnitude mean "no bound". Exporters write, for example, the largest single-precision number.
 _MIN_UNBOUNDED = 3e38
+# Number of random observations for which a network is compared with ONNX's reference evaluator.
+_NUM_CHECKED_OBSERVATIONS = 2
 # ONNX type codes of FLOAT and DOUBLE.
 _FLOAT_TYPES = (1, 11)
 
@@ -129,7 +131,36 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
         )
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _NEUTRAL_NODES for each in chain[k + 1 :]))
-    return layers.network(), remark
+    trained = layers.network()
+    _check_result(model, graph, trained.network())
+    return trained, remark
+
+
+def _check_result(model: Any, graph: "_Graph", network: Network) -> None:
+    """Compare a network with ONNX's reference evaluator, for random observations.
+
+    Nodes that only change the shape of a single observation are skipped when a network is read. This comparison finds
+    models in which such nodes also exchange values. Actions are compared between -1 and 1, to which they are limited.
+
+    Raises:
+        UnreadableError: if the results differ.
+    """
+    evaluator = import_extra("onnx", "onnx").reference.ReferenceEvaluator(model)
+    observations = np.random.default_rng(0).normal(size=(_NUM_CHECKED_OBSERVATIONS, network.num_inputs))
+    for observation in observations:
+        try:
+            expected = evaluator.run([graph.action], {graph.input: graph.shaped(observation)})[0]
+        except Exception:  # the evaluator does not support all opsets, and raises exceptions of several types
+            return
+        actual = np.array(evaluate_network(network, observation.tolist(), network.memory).output)
+        size = np.size(expected)
+        if size != len(actual) or not np.allclose(
+            np.clip(actual, -1.0, 1.0), np.clip(np.ravel(expected), -1.0, 1.0), rtol=1e-3, atol=1e-3
+        ):
+            raise UnreadableError(
+                "exchanges values between its layers, or has an input or output of several rows, so that it is not a"
+                " chain of layers for a single observation"
+            )
 
 
 class _Node:
@@ -169,6 +200,7 @@ class _Graph:
         self._onnx, self._opsets, graph = import_extra("onnx", "onnx"), model.opset_import, model.graph
         self._constants = {each.name: self._array(each) for each in graph.initializer}
         self._producers = {name: node for node in graph.node for name in node.output if name}
+        self._graph = graph
         self._inputs = [each.name for each in graph.input if each.name not in self._constants]
         self.outputs = [each.name for each in graph.output]
         if not self.outputs:
@@ -190,6 +222,27 @@ class _Graph:
             inputs = [self._constants.get(name) for name in node.input]
             if all(each is not None for each in inputs) and _does_not_grow(node.op_type, inputs):
                 self._compute(node)
+
+    @property
+    def input(self) -> str:
+        """Name of the input."""
+        return self._inputs[0]
+
+    def shaped(self, observation: np.ndarray) -> np.ndarray:
+        """Return an observation (n,) with the declared type and shape of the input; unknown lengths are 1.
+
+        A GRU whose input is the observation has the shape that its operator requires: steps, batch, n.
+
+        Raises:
+            ValueError: if the observation does not have this shape.
+        """
+        declared = next(each for each in self._graph.input if each.name == self.input).type.tensor_type
+        shape = [each.dim_value or 1 for each in declared.shape.dim] or [1, -1]
+        if any(node.op_type == "GRU" and node.input[0] == self.input for node in self._graph.node):
+            shape = [1, 1, -1]
+        elif math.prod(shape) == 1:
+            shape[-1] = -1
+        return observation.reshape(shape).astype(self._onnx.helper.tensor_dtype_to_np_dtype(declared.elem_type))
 
     def _array(self, tensor: Any) -> np.ndarray:
         try:
