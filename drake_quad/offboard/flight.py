@@ -78,7 +78,7 @@ class OffboardFlight:
         link: connection to the vehicle.
         companion: reference and controller.
         limits: limits on the motion.
-        end_mode: what the vehicle does after the flight: hold, land or return.
+        end_mode: key of `FlightStack.end_modes`: the mode after the flight.
         engages: True to command the mode that follows setpoints; False to wait for the pilot.
         dry_run: True to send neither setpoints nor modes. The route then begins at once, whatever the vehicle does.
         report: function that is called with a sentence for each phase of the flight.

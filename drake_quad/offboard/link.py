@@ -80,7 +80,7 @@ ARDUPILOT = FlightStack(
 )
 """Modes of ArduPilot's copters."""
 END_MODES = ("hold", "land", "return")
-"""What the vehicle can do after the flight."""
+"""Keys of `FlightStack.end_modes`."""
 
 
 class Telemetry(NamedTuple):
