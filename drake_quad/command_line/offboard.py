@@ -1,11 +1,11 @@
-"""Fly the route of a scenario with a real vehicle that has PX4 or ArduPilot, over MAVLink.
+"""Fly the route of a scenario with a real quadrotor that runs PX4 or ArduPilot, over MAVLink.
 
 The command sends either the reference of the route, which the autopilot follows with its own controllers, or the
 commands of the scenario's controller. The route is shifted so that it begins where the vehicle hovers. Setpoints hold
 this position until the pilot switches to the mode Offboard (PX4) or Guided (ArduPilot).
 
-The flight ends at once if the vehicle leaves the geofence or exceeds another limit, if its messages are late, if this
-computer is late, if the pilot or a failsafe changes the mode, or with Ctrl-C. Read the page "Fly a real vehicle" first.
+The flight ends if the vehicle leaves the geofence or exceeds another limit, if telemetry or a control tick is late, if
+the pilot or a failsafe changes the mode, or with Ctrl-C. Read the page "Fly a real vehicle" first.
 """
 
 import argparse
@@ -29,8 +29,14 @@ from drake_quad.offboard.link import END_MODES, OffboardError, VehicleLink
 from drake_quad.scenario.files.saving import save_scenario
 
 _DEFAULTS = Limits()
-# Smallest and largest value of each option: m/s, degrees, m, baud.
-_OPTION_RANGES = {"max_speed": (0.1, 100.0), "max_tilt": (1.0, 80.0), "max_error": (0.05, 100.0), "baud": (1, 10**7)}
+# Smallest and largest value of each option: m/s, degrees, degrees/s, m, baud.
+_OPTION_RANGES = {
+    "max_speed": (0.1, 100.0),
+    "max_tilt": (1.0, 80.0),
+    "max_rate": (1.0, 2000.0),
+    "max_error": (0.05, 100.0),
+    "baud": (1, 10**7),
+}
 LOG = "offboard.csv"
 """Name of the file with measurements, references and commands."""
 
@@ -64,14 +70,20 @@ def options() -> argparse.ArgumentParser:
         "--end", choices=END_MODES, default="hold", help="what the vehicle does after the flight (default: %(default)s)"
     )
     result.add_argument(
+        "--system", type=int, metavar="NUMBER", help="MAVLink identifier of the vehicle, if there are several"
+    )
+    result.add_argument(
         "--fence",
-        metavar="X1,X2,Y1,Y2,Z1,Z2",
-        help="geofence: ranges to the north, to the west and upwards from the origin of the autopilot, m (default: the"
-        " box around the route with a margin of 2 m)",
+        nargs=6,
+        type=float,
+        metavar=("X1", "X2", "Y1", "Y2", "Z1", "Z2"),
+        help="geofence: smallest and largest coordinate to the north, to the west and upwards from the origin of the"
+        " autopilot's local frame, m (default: the box around the route with a margin of 2 m)",
     )
     for name, metavar, default, text in (
         ("speed", "METRES/SECOND", _DEFAULTS.speed, "speed"),
-        ("tilt", "DEGREES", math.degrees(_DEFAULTS.tilt), "tilt"),
+        ("tilt", "DEGREES", math.degrees(_DEFAULTS.tilt), "commanded tilt"),
+        ("rate", "DEGREES/SECOND", math.degrees(_DEFAULTS.rate), "commanded body rate"),
         ("error", "METRES", _DEFAULTS.error, "distance from the reference"),
     ):
         result.add_argument(
@@ -85,12 +97,17 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, _OPTION_RANGES)
-    tilt = math.radians(arguments.max_tilt)
-    limits = Limits(_fence(arguments.fence), arguments.max_speed, tilt, arguments.max_error)
-    companion = Companion(scenario_from_arguments(arguments), arguments.send, tilt)
+    limits = Limits(
+        _fence(arguments.fence),
+        arguments.max_speed,
+        math.radians(arguments.max_tilt),
+        math.radians(arguments.max_rate),
+        arguments.max_error,
+    )
+    companion = Companion(scenario_from_arguments(arguments), arguments.send, limits)
     folder = output_folder(arguments.output)
     log, saved_scenario = folder / LOG, folder / "scenario.yaml"
-    link = VehicleLink(arguments.address, baud=arguments.baud)
+    link = VehicleLink(arguments.address, baud=arguments.baud, system=arguments.system)
     try:
         flight = OffboardFlight(
             link,
@@ -106,23 +123,19 @@ def main(arguments: argparse.Namespace) -> None:
         link.close()
     _print_outcome(outcome, dry_run=arguments.dry_run)
     if outcome.num_ticks:
-        # With the scenario in the same folder, commands for logs know the vehicle.
+        # The commands for logs read the vehicle from the scenario in the same folder.
         print_files([log, write_atomically(saved_scenario, lambda path: save_scenario(companion.scenario, path))])
     if not outcome.completed:
         raise OffboardError(f"the flight ended early: {outcome.reason}")
 
 
-def _fence(text: str | None) -> Fence | None:
+def _fence(numbers: list[float] | None) -> Fence | None:
     """Return the geofence that an option describes."""
-    if text is None:
+    if numbers is None:
         return None
-    try:
-        x_1, x_2, y_1, y_2, z_1, z_2 = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--fence {text}: must be six numbers, such as -5,5,-5,5,0.5,4") from None
-    fence = Fence((x_1, y_1, z_1), (x_2, y_2, z_2))
+    fence = Fence(tuple(numbers[0::2]), tuple(numbers[1::2]))
     if not all(low < high for low, high in zip(*fence, strict=True)):
-        raise InputError(f"--fence {text}: the first number of each range must be smaller than the second")
+        raise InputError("--fence: the first number of each pair must be smaller than the second")
     return fence
 
 
@@ -134,5 +147,5 @@ def _print_outcome(outcome: Outcome, *, dry_run: bool) -> None:
         low, high = outcome.thrusts
         print(
             f"commanded tilt up to {math.degrees(outcome.largest_tilt):.1f}°, thrust {low:.2f} to {high:.2f} of the"
-            f" largest; limited in {outcome.num_limited} of {outcome.num_ticks} ticks"
+            f" maximum; tilt, rates or thrust limited in {outcome.num_limited} of {outcome.num_ticks} ticks"
         )

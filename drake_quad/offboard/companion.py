@@ -11,7 +11,7 @@ from drake_quad.errors import InputError, join_names
 from drake_quad.firmware.pilot import rate_command
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.wiring import build
-from drake_quad.offboard.limits import Limits, with_limited_tilt
+from drake_quad.offboard.limits import Limits, with_limited_rates, with_limited_tilt
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.reference.source import build_reference
@@ -22,28 +22,29 @@ from drake_quad.signals import AttitudeTarget, BodyRates, Reference, State
 Setpoint = Literal["position", "attitude", "rates"]
 """Kinds of setpoints."""
 SETPOINTS: tuple[Setpoint, ...] = ("position", "attitude", "rates")
-# Gains from an error of the attitude to a body rate, for setpoints of body rates: the defaults of PX4's parameters
-# MC_ROLL_P and MC_YAW_P.
-_ATTITUDE_GAIN, _YAW_GAIN = 6.5, 2.8  # 1/s
+# The attitude loop for setpoints of body rates has the defaults of PX4's MC_ROLL_P and MC_YAW_P.
+_ATTITUDE_GAIN = 6.5  # 1/s
+_YAW_GAIN = 2.8  # 1/s
+_MAX_END_SPEED = 0.3  # m/s; largest speed at the start and at the end of a route
 _MEASUREMENTS = ("measurement", "state")
 
 
 class Command(NamedTuple):
-    """Command of a tick.
+    """Command for one tick.
 
     Attributes:
         reference: reference in the coordinates of the route.
         target: command of the controller; None if only the reference is sent.
         rates: body rates, for setpoints of body rates.
         thrust: thrust relative to the weight of the nominal vehicle.
-        tilt_is_limited: True if the controller commanded a larger tilt.
+        is_limited: True if the tilt or a body rate was reduced to its limit.
     """
 
     reference: Reference
     target: AttitudeTarget | None = None
     rates: BodyRates | None = None
     thrust: float = 1.0
-    tilt_is_limited: bool = False
+    is_limited: bool = False
 
 
 class Companion:
@@ -52,7 +53,7 @@ class Companion:
     Args:
         scenario: scenario with the route and the controller.
         setpoint: kind of setpoints that are sent.
-        max_tilt: largest commanded tilt, rad.
+        limits: limits on the route and on the commands.
 
     Attributes:
         scenario: the scenario.
@@ -65,8 +66,8 @@ class Companion:
         InputError: if the route cannot be flown, or the controller does not fit the kind of setpoints.
     """
 
-    def __init__(self, scenario: Scenario, setpoint: Setpoint, max_tilt: float = Limits().tilt) -> None:
-        self.scenario, self.setpoint, self._max_tilt = scenario, setpoint, max_tilt
+    def __init__(self, scenario: Scenario, setpoint: Setpoint, limits: Limits = Limits()) -> None:
+        self.scenario, self.setpoint, self._limits = scenario, setpoint, limits
         self.plan = plan_route(scenario)
         self.period = scenario.laboratory.command_link.period
         self.duration = flight_duration(scenario, self.plan)
@@ -92,16 +93,27 @@ class Companion:
         self._reference = diagram.GetOutputPort("reference")
         self._target = None if setpoint == "position" else diagram.GetOutputPort("attitude_target")
         self._tick = 0
+        route = self.route()
+        limits.check_reference(route[:, 3:6], route[:, 6:9])
+        for row, word in ((route[0], "begins"), (route[-1], "ends")):
+            speed = float(np.linalg.norm(row[3:6]))
+            if speed > _MAX_END_SPEED:
+                raise InputError(
+                    f"the route {word} with a speed of {speed:.2g} m/s, but the vehicle hovers before and after it;"
+                    " choose a route that begins and ends at rest"
+                )
 
     def _add_control(self, builder: DiagramBuilder, reference: Any) -> None:
         scenario, setpoint = self.scenario, self.setpoint
         if scenario.laboratory.autopilot.command != "attitude_target":
             raise InputError(
-                f"the controller of {scenario.name} commands thrust and torques, which MAVLink cannot transmit to an"
-                " autopilot; send position setpoints, or choose a scenario with laboratory.autopilot"
+                f"the controller of {scenario.name} commands thrust and torques, which this command cannot send to an"
+                " autopilot; use --send position, or a scenario whose laboratory.autopilot follows attitudes"
             )
         if setpoint == "attitude" and not self._follows_attitude:
-            raise InputError(f"the controller of {scenario.name} commands body rates without an attitude; send rates")
+            raise InputError(
+                f"the controller of {scenario.name} commands body rates without an attitude; use --send rates"
+            )
         batch = Batch.draw(scenario, [scenario.sample or 0])
         control = builder.AddNamedSystem(
             "control", build_control(batch.scenario, control_recipes(batch, self.plan), num_vehicles=1)
@@ -117,8 +129,8 @@ class Companion:
                 unknown.append(name)
         if unknown:
             raise InputError(
-                f"the controller of {scenario.name} needs {join_names(unknown)}, which a vehicle with MAVLink does not"
-                " send at the rate of a controller"
+                f"the controller of {scenario.name} needs {join_names(unknown)}, which the telemetry of MAVLink does"
+                " not provide at the control rate"
             )
         builder.ExportOutput(control.GetOutputPort("attitude_target"), "attitude_target")
 
@@ -131,13 +143,17 @@ class Companion:
         """Return the reference at a time of the flight, s."""
         return Reference(*self._trajectory.value(time)[: len(Reference._fields), 0].tolist())
 
-    def positions(self) -> np.ndarray:
-        """Return the positions (ticks, 3) of the route in the flight, m."""
+    def route(self) -> np.ndarray:
+        """Return position, velocity and acceleration of the reference at each tick, (num_ticks + 1, 9)."""
         times = np.arange(self.num_ticks + 1) * self.period
-        return np.array([self._trajectory.value(time)[:3, 0] for time in times])
+        return np.array([self._trajectory.value(time)[:9, 0] for time in times])
 
-    def step(self, state: State) -> Command:
-        """Return the command of the present tick, and advance.
+    def warm_up(self) -> None:
+        """Compute a command of the first tick, so that libraries are loaded and formulas compiled before the flight."""
+        self.command(State(*self.reference_at(0.0)[:3], *[0.0] * 9))
+
+    def command(self, state: State) -> Command:
+        """Return the command of the present tick.
 
         Args:
             state: measured state in the coordinates of the route.
@@ -145,18 +161,18 @@ class Companion:
         for port in self._measurements:
             port.FixValue(self._context, np.array(state))
         reference = Reference(*self._reference.Eval(self._context).tolist())
-        command = Command(reference)
-        if self._target is not None:
-            commanded = AttitudeTarget(*self._target.Eval(self._context).tolist())
-            target = with_limited_tilt(commanded, self._max_tilt)
-            rates = rate_command(target, state, _ATTITUDE_GAIN, _YAW_GAIN, self._follows_attitude)
-            command = Command(
-                reference,
-                target,
-                BodyRates(*map(float, rates)),
-                target.thrust / self._weight,
-                target is not commanded,
-            )
+        if self._target is None:
+            return Command(reference)
+        commanded = AttitudeTarget(*self._target.Eval(self._context).tolist())
+        target = with_limited_tilt(commanded, self._limits.tilt) if self._follows_attitude else commanded
+        all_rates = BodyRates(
+            *map(float, rate_command(target, state, _ATTITUDE_GAIN, _YAW_GAIN, self._follows_attitude))
+        )
+        rates = with_limited_rates(all_rates, self._limits.rate)
+        is_limited = target is not commanded or (self.setpoint == "rates" and rates != all_rates)
+        return Command(reference, target, rates, target.thrust / self._weight, is_limited)
+
+    def advance(self) -> None:
+        """Advance to the next tick, with the measurement of the last command."""
         self._tick += 1
         self._simulator.AdvanceTo(self._tick * self.period)
-        return command

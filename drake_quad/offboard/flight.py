@@ -3,17 +3,21 @@
 1. The setpoint holds the present position, until the pilot switches to the mode that follows setpoints.
 2. The vehicle turns to the first yaw of the route and comes to rest.
 3. The vehicle follows the route, which is shifted so that it begins at the present position.
-4. The vehicle is commanded to hold its position, to land or to return. Setpoints are sent until it has changed its
-   mode.
+4. The vehicle is commanded to hold its position, to land or to return. Setpoints hold the position until the vehicle
+   reports another mode.
 
-If the vehicle leaves the limits, its messages are late or this computer is late, phase 4 follows at once. If the pilot
-or a failsafe changes the mode, setpoints end at once.
+Phase 4 follows at once if the vehicle exceeds a limit, its telemetry is too old, a control tick is late, or an error
+occurs. If the pilot or a failsafe changes the mode, setpoints end as soon as a heartbeat reports it.
 """
 
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple, TextIO, TypeVar
+from types import FrameType
+from typing import Any, NamedTuple, TextIO, TypeVar
 
 import numpy as np
 
@@ -27,30 +31,45 @@ _Motion = TypeVar("_Motion", State, Reference)
 
 _TELEMETRY_TIMEOUT = 5.0  # s until the first position
 _RATE_WINDOW = 1.0  # s over which the rate of the telemetry is measured
-_MIN_RATES = {"position": 4.0, "attitude": 20.0, "rates": 40.0}  # 1/s; smallest rate of telemetry
-MAX_AGE = 0.5
-"""Age of position or attitude, and delay of a tick, with which a flight ends, s."""
-_ENGAGING_TIME = 1.0  # s for which setpoints are sent before the mode is commanded
-_MODE_TIMEOUT = 5.0  # s until the commanded mode is active
+_REPEAT_PERIOD = 1.0  # s after which a request for telemetry is repeated
+# Smallest rate of the telemetry and largest age of position and attitude, for each kind of setpoints. A loop around the
+# attitude needs younger measurements than the autopilot's own loops.
+_MIN_TELEMETRY_RATES = {"position": 4.0, "attitude": 20.0, "rates": 30.0}  # 1/s
+_MAX_AGES = {"position": 0.5, "attitude": 0.2, "rates": 0.1}  # s
+_MAX_MODE_AGE = 2.5  # s; heartbeats arrive at least once per second
+_MAX_DELAY = 0.5  # s; largest delay of a tick
+_MAX_PERIOD = 0.2  # s; PX4 leaves Offboard mode without two setpoints per second
+_POSITION_PERIOD = 0.05  # s; shortest period of position setpoints
+# Bytes of the setpoint, and of the two messages with position and attitude (MAVLink 2, with header and checksum).
+_SETPOINT_SIZES = {"position": 65, "attitude": 51, "rates": 51}
+_TELEMETRY_SIZE = 80
+_MAX_LOAD = 0.6  # largest fraction of the rate of a serial port that setpoints and telemetry may use
+_STREAM_TIME_BEFORE_MODE_COMMAND = 2.0  # s; PX4 requires more than one second of setpoints
+_MODE_ATTEMPTS = 3  # number of mode commands, which are sent at intervals of `_MODE_PERIOD`
+_MODE_PERIOD = 2.0  # s
+_FRESH_MODE_TIMEOUT = 1.5  # s until a heartbeat arrives
 _TURNING_TIMEOUT = 30.0  # s until the vehicle is at rest at the start of the route
 _REST_TIME = 1.0  # s for which the vehicle must be at rest
-_REST_YAW, _REST_SPEED, _REST_DISTANCE = 0.1, 0.3, 0.5  # rad, m/s, m
-_MAX_START_SPEED = 0.3  # m/s; largest speed at the start of a route
-_MIN_THRUST, _MAX_THRUST = 0.05, 0.95  # smallest and largest commanded thrust, relative to the largest thrust
+_REST_YAW = 0.1  # rad
+_REST_SPEED = 0.3  # m/s
+_REST_DISTANCE = 0.5  # m
+_MAX_DRIFT = 0.3  # m; distance from the held position at which a new one is held, while the pilot flies
+_MIN_THRUST = 0.05  # relative to the largest thrust
+_MAX_THRUST = 0.95  # relative to the largest thrust
 
 
 class Outcome(NamedTuple):
     """Outcome of an offboard flight.
 
     Attributes:
-        completed: True if the vehicle flew the whole route.
+        completed: True if the vehicle flew the whole route, and then changed to the commanded mode.
         reason: reason why the flight ended.
         num_ticks: number of ticks on the route.
         rmse: root-mean-square distance from the reference, m; NaN without a tick on the route.
         largest_error: largest distance from the reference, m; NaN without a tick on the route.
         largest_tilt: largest commanded tilt, rad; 0 if only the reference was sent.
         thrusts: smallest and largest commanded thrust, relative to the largest thrust; NaN without thrusts.
-        num_limited: number of ticks in which the commanded tilt or thrust was limited.
+        num_limited: number of ticks in which the commanded tilt, body rates or thrust were reduced to a limit.
     """
 
     completed: bool
@@ -64,7 +83,13 @@ class Outcome(NamedTuple):
 
 
 class _FlightEndError(Exception):
-    """End of a flight. The message is the reason; `command_end` is False if setpoints must end at once."""
+    """End of a flight, with the reason as its message.
+
+    Args:
+        reason: reason why the flight ends.
+        completed: True if the vehicle has flown the whole route.
+        command_end: False if the vehicle no longer follows setpoints, so that no mode is commanded.
+    """
 
     def __init__(self, reason: str, *, completed: bool = False, command_end: bool = True) -> None:
         super().__init__(reason)
@@ -78,10 +103,15 @@ class OffboardFlight:
         link: connection to the vehicle.
         companion: reference and controller.
         limits: limits on the motion.
-        end_mode: key of `FlightStack.end_modes`: the mode after the flight.
+        end_mode: key of `FlightStack.end_modes`, the mode after the flight. If the vehicle refuses it,
+            it is commanded to land.
         engages: True to command the mode that follows setpoints; False to wait for the pilot.
-        dry_run: True to send neither setpoints nor modes. The route then begins at once, whatever the vehicle does.
+        dry_run: True to send no setpoints and no mode commands. The route then begins at once, even if the vehicle is
+            on the ground or disarmed.
         report: function that is called with a sentence for each phase of the flight.
+
+    Raises:
+        InputError: if the period is too long for an autopilot, or a serial port is too slow.
     """
 
     def __init__(
@@ -98,18 +128,29 @@ class OffboardFlight:
         self._link, self._companion, self._limits = link, companion, limits
         self._end_mode, self._engages, self._dry_run = end_mode, engages, dry_run
         self._report, self._clock = report, link.clock
+        self._fence = limits.fence
         self._hover_thrust = 1.0
         self._errors: list[float] = []
         self._tilts: list[float] = []
         self._thrusts: list[float] = []
         self._num_limited = 0
-        first = companion.reference_at(0.0)
-        if math.hypot(first.v_x, first.v_y, first.v_z) > _MAX_START_SPEED:
+        self._first = companion.reference_at(0.0)
+        self._last_state: State | None = None
+        kind, period = companion.setpoint, companion.period
+        if period > _MAX_PERIOD:
+            raise InputError(f"the period of the command link is {period:g} s, but must be at most {_MAX_PERIOD:g} s")
+        is_position = kind == "position"
+        self._ticks_per_setpoint = max(1, round(_POSITION_PERIOD / period)) if is_position else 1
+        setpoint_period = self._ticks_per_setpoint * period
+        self._telemetry_period = min(
+            max(period, _POSITION_PERIOD if is_position else 0.0), 0.5 / _MIN_TELEMETRY_RATES[kind]
+        )
+        load = _SETPOINT_SIZES[kind] / setpoint_period + _TELEMETRY_SIZE / self._telemetry_period
+        if load > _MAX_LOAD * link.max_byte_rate:
             raise InputError(
-                f"the route begins with a speed of {math.hypot(first.v_x, first.v_y, first.v_z):.2g} m/s, but the"
-                " vehicle hovers before it begins; choose a route that begins at rest"
+                f"{kind} setpoints and telemetry need {load:.0f} bytes per second, but the serial port transmits only"
+                f" {link.max_byte_rate:.0f}; use a network, or a faster port"
             )
-        self._first = first
 
     def run(self, log: Path) -> Outcome:
         """Fly, and return the outcome.
@@ -118,29 +159,18 @@ class OffboardFlight:
             log: CSV file for measurements, references and commands on the route. A row is written at each tick.
 
         Raises:
-            InputError: if the route does not fit the limits at the present position.
+            InputError: if the route, started at the present position, leaves the geofence.
             OffboardError: if the vehicle sends no telemetry, or sends it too slowly.
         """
+        companion = self._companion
+        companion.warm_up()
         telemetry = self._wait_for_telemetry()
-        if self._companion.setpoint != "position":
+        if companion.setpoint != "position":
             self._hover_thrust = self._link.hover_thrust()
-        self._check_route(telemetry)
-        held = self._reference_at_rest(telemetry.state, telemetry.state.yaw)
-        try:
-            if not self._dry_run:
-                held = self._wait_for_mode()
-                held = self._turn(held)
-            self._fly(held, log)
-        except _FlightEndError as end:
-            reason, completed = str(end), end.completed
-            if end.command_end and not self._dry_run:
-                reason = f"{reason}; {self._command_end()}"
-        except OffboardError as error:
-            reason, completed = str(error), False
-        except KeyboardInterrupt:
-            reason, completed = "interrupted", False
-            if not self._dry_run:
-                reason = f"{reason}; {self._command_end()}"
+        if self._dry_run or self._limits.fence is not None:
+            self._check_fence(telemetry.state)
+        with _interruptions():
+            reason, completed = self._fly_phases(telemetry, log)
         errors = np.array(self._errors)
         return Outcome(
             completed,
@@ -153,81 +183,123 @@ class OffboardFlight:
             self._num_limited,
         )
 
+    def _fly_phases(self, telemetry: Telemetry, log: Path) -> tuple[str, bool]:
+        """Fly all phases. Return the reason why the flight ended, and whether it was completed."""
+        completed, command_end = False, True
+        try:
+            held = _at_rest(telemetry.state, telemetry.state.yaw)
+            if not self._dry_run:
+                held = self._turn(self._wait_for_mode())
+            self._follow_route(held, log)
+        except _FlightEndError as end:
+            reason, completed, command_end = str(end), end.completed, end.command_end
+        except KeyboardInterrupt:
+            reason = "interrupted"
+        except Exception as error:  # whatever fails, the vehicle must not stay without setpoints
+            reason = str(error) if isinstance(error, OffboardError | InputError) else f"{type(error).__name__}: {error}"
+        else:
+            raise AssertionError("unreachable: the last phase ends with an error")
+        if command_end and not self._dry_run:
+            ending, changed = self._command_end()
+            reason, completed = f"{reason}; {ending}", completed and changed
+        return reason, completed
+
+    def _say(self, text: str) -> None:
+        """Report a phase. A closed pipe must not end the flight."""
+        with suppress(OSError):
+            self._report(text)
+
     def _wait_for_telemetry(self) -> Telemetry:
         """Request telemetry, and return it as soon as it arrives at a sufficient rate."""
         name, start = self._link.stack.name, self._clock.now()
-        self._link.request_telemetry(self._companion.period)
+        next_request = start
         while (telemetry := self._link.telemetry()) is None:
+            if self._clock.now() >= next_request:
+                self._link.request_telemetry(self._telemetry_period)
+                next_request += _REPEAT_PERIOD
             if self._clock.now() - start > _TELEMETRY_TIMEOUT:
                 raise OffboardError(
                     f"{name} sent no position and attitude within {_TELEMETRY_TIMEOUT:g} s; it has no estimate of its"
                     " position, or its messages are not streamed to this connection"
                 )
             self._clock.sleep(0.01)
-        begin, times = self._clock.now(), {telemetry.time}
-        while self._clock.now() - begin < _RATE_WINDOW:
-            telemetry = self._link.telemetry() or telemetry
-            times.add(telemetry.time)
-            self._clock.sleep(0.002)
-        rate, smallest = (len(times) - 1) / _RATE_WINDOW, _MIN_RATES[self._companion.setpoint]
-        if rate < smallest:
+        kind = self._companion.setpoint
+        for _ in range(3):
+            self._link.request_telemetry(self._telemetry_period)
+            begin, times = self._clock.now(), set()
+            while self._clock.now() - begin < _RATE_WINDOW:
+                telemetry = self._link.telemetry() or telemetry
+                times.add(telemetry.time)
+                self._clock.sleep(0.002)
+            rate = (len(times) - 1) / (self._clock.now() - begin)
+            if rate >= _MIN_TELEMETRY_RATES[kind]:
+                break
+        else:
             raise OffboardError(
-                f"{name} sends position and attitude {rate:.0f} times per second, but {self._companion.setpoint}"
-                f" setpoints need at least {smallest:g}; stream LOCAL_POSITION_NED and ATTITUDE faster"
+                f"{name} sends position and attitude {rate:.0f} times per second, but {kind} setpoints need at least"
+                f" {_MIN_TELEMETRY_RATES[kind]:g}; stream LOCAL_POSITION_NED and ATTITUDE faster"
             )
-        self._report(f"{name} sends position and attitude {rate:.0f} times per second")
+        self._say(f"system {self._link.system}, {name}: position and attitude {rate:.0f} times per second")
+        self._last_state = telemetry.state
         return telemetry
 
-    def _check_route(self, telemetry: Telemetry) -> None:
-        """Check that the route lies inside the geofence if it begins at the present position."""
-        positions = self._companion.positions() + self._shift(telemetry.state)
-        if self._limits.fence is None:
-            self._limits = self._limits._replace(fence=Fence.around(positions))
-        assert self._limits.fence is not None
-        self._limits.fence.check_route(positions)
+    def _check_fence(self, start: State | Reference) -> None:
+        """Check that the route lies inside the geofence if it begins at a position. Choose the default geofence."""
+        positions = self._companion.route()[:, :3] + self._shift(start)
+        self._fence = self._limits.fence or Fence.around(positions)
+        self._fence.check_route(positions)
 
     def _shift(self, start: State | Reference) -> np.ndarray:
-        """Return the vector (3,) from the start of the route to the place where it begins."""
+        """Return the displacement (3,) from the first point of the route to `start`, m."""
         return np.array(start[:3]) - np.array(self._first[:3])
-
-    @staticmethod
-    def _reference_at_rest(state: State, yaw: float) -> Reference:
-        return Reference(state.x, state.y, state.z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, 0.0)
 
     def _wait_for_mode(self) -> Reference:
         """Hold the present position until the vehicle follows setpoints, and return the setpoint."""
         stack, start = self._link.stack, self._clock.now()
         if self._engages:
-            self._report(f"switching to {stack.offboard_mode}")
+            self._say(f"switching to {stack.offboard_mode}")
         else:
-            self._report(f"switch to {stack.offboard_mode} when the vehicle hovers at the start; Ctrl-C ends")
-        commanded = False
-        for telemetry in self._ticks():
-            held = self._reference_at_rest(telemetry.state, telemetry.state.yaw)
-            self._link.send_position(held)
-            elapsed = self._clock.now() - start
+            self._say(
+                f"waiting: let the vehicle hover where the route begins, then switch to {stack.offboard_mode} (Ctrl-C"
+                " cancels)"
+            )
+        held: Reference | None = None
+        num_commands, next_command = 0, start + _STREAM_TIME_BEFORE_MODE_COMMAND
+        was_in_other_mode = False
+        for tick, telemetry in enumerate(self._ticks()):
+            if held is None or math.dist(telemetry.state[:3], held[:3]) > _MAX_DRIFT:
+                held = _at_rest(telemetry.state, telemetry.state.yaw)
+            self._send_held(tick, held)
             if telemetry.mode == stack.offboard_mode:
-                if not telemetry.is_armed or telemetry.is_on_ground:
-                    raise _FlightEndError("the vehicle is not in the air; take off first")
+                if not self._engages and not was_in_other_mode:
+                    raise _FlightEndError(
+                        f"the vehicle is already in {stack.offboard_mode}; switch to another mode, and start again",
+                        command_end=False,
+                    )
+                if not (telemetry.is_armed and telemetry.is_in_air):
+                    raise _FlightEndError(
+                        "the autopilot does not report that the vehicle is in the air; take off first"
+                    )
                 return held
-            if self._engages and not commanded and elapsed > _ENGAGING_TIME:
-                self._link.set_mode(stack.offboard_mode)
-                commanded = True
-            if commanded and (self._link.mode_was_refused or elapsed > _ENGAGING_TIME + _MODE_TIMEOUT):
-                raise _FlightEndError(
-                    f"{stack.name} did not switch to {stack.offboard_mode}{self._warnings()}", command_end=False
-                )
+            was_in_other_mode = True
+            if not self._engages or self._clock.now() < next_command:
+                continue
+            if num_commands == _MODE_ATTEMPTS:
+                raise _FlightEndError(f"{stack.name} did not switch to {stack.offboard_mode}{self._warnings()}")
+            self._link.set_mode(stack.offboard_mode)
+            num_commands, next_command = num_commands + 1, next_command + _MODE_PERIOD
         raise AssertionError("unreachable: the ticks do not end")
 
     def _turn(self, held: Reference) -> Reference:
         """Turn to the first yaw of the route, wait until the vehicle is at rest, and return the setpoint."""
-        self._report("turning to the first yaw of the route")
+        self._check_fence(held)
+        self._say("turning to the first yaw of the route")
         held = held._replace(yaw=self._first.yaw)
         start = rest_start = self._clock.now()
-        for telemetry in self._ticks():
+        for tick, telemetry in enumerate(self._ticks()):
             state, now = telemetry.state, self._clock.now()
             self._check(telemetry, held)
-            self._link.send_position(held)
+            self._send_held(tick, held)
             at_rest = (
                 abs(math.remainder(state.yaw - held.yaw, 2.0 * math.pi)) < _REST_YAW
                 and math.hypot(state.v_x, state.v_y, state.v_z) < _REST_SPEED
@@ -241,37 +313,41 @@ class OffboardFlight:
                 raise _FlightEndError(f"the vehicle did not come to rest at the start within {_TURNING_TIMEOUT:g} s")
         raise AssertionError("unreachable: the ticks do not end")
 
-    def _fly(self, held: Reference, log: Path) -> None:
+    def _follow_route(self, held: Reference, log: Path) -> None:
         """Follow the route from the held position."""
-        companion = self._companion
-        shift = self._shift(held)
-        self._report(f"following the route for {companion.duration:.1f} s")
+        companion, shift = self._companion, self._shift(held)
+        self._say(f"following the route for {companion.duration:.1f} s")
         with log.open("w", encoding="utf-8") as file:
             self._write(file, ["time (s)", *_headings(companion)])
             for tick, telemetry in enumerate(self._ticks()):
                 measured = _shifted(telemetry.state, -shift)
-                command = companion.step(measured)
+                command = companion.command(measured)
                 reference = _shifted(command.reference, shift)
+                if not self._dry_run:
+                    self._check(telemetry, reference)
+                self._send(tick, command, reference)
                 self._errors.append(math.dist(telemetry.state[:3], reference[:3]))
                 numbers = [*measured, *command.reference, *(command.target or ())]
                 self._write(file, [repr(tick * companion.period), *(f"{number:.9g}" for number in numbers)])
-                if not self._dry_run:
-                    self._check(telemetry, reference)
-                self._send(command, reference)
                 if tick + 1 >= companion.num_ticks:
                     raise _FlightEndError("the route is complete", completed=True)
+                companion.advance()
 
-    def _send(self, command: Command, reference: Reference) -> None:
+    def _send_held(self, tick: int, held: Reference) -> None:
+        if tick % self._ticks_per_setpoint == 0:
+            self._link.send_position(held)
+
+    def _send(self, tick: int, command: Command, reference: Reference) -> None:
         """Limit the thrust of the command of a tick, and send it unless this is a dry run."""
         if command.target is None or command.rates is None:
             if not self._dry_run:
-                self._link.send_position(reference)
+                self._send_held(tick, reference)
             return
         thrust = self._hover_thrust * command.thrust
-        if not all(map(math.isfinite, (*command.target, thrust))):
+        if not all(map(math.isfinite, (*command.target, *command.rates, thrust))):
             raise _FlightEndError("the command of the controller is not finite")
         applied = min(max(thrust, _MIN_THRUST), _MAX_THRUST)
-        self._num_limited += command.tilt_is_limited or applied != thrust
+        self._num_limited += command.is_limited or applied != thrust
         self._tilts.append(tilt_angle(command.target.roll, command.target.pitch))
         self._thrusts.append(applied)
         if self._dry_run:
@@ -284,10 +360,10 @@ class OffboardFlight:
     def _check(self, telemetry: Telemetry, reference: Reference) -> None:
         """End the flight if the pilot has taken over, or the vehicle exceeds a limit."""
         if telemetry.mode != self._link.stack.offboard_mode:
-            raise _FlightEndError(f"the vehicle has switched to {telemetry.mode}{self._warnings()}", command_end=False)
+            raise _FlightEndError(f"the vehicle changed to {telemetry.mode}{self._warnings()}", command_end=False)
         if not telemetry.is_armed:
             raise _FlightEndError("the vehicle was disarmed", command_end=False)
-        reason = self._limits.violation(telemetry.state, reference)
+        reason = self._limits._replace(fence=self._fence).violation(telemetry.state, reference)
         if reason:
             raise _FlightEndError(reason)
 
@@ -297,45 +373,96 @@ class OffboardFlight:
         while True:
             self._clock.sleep(next_tick - self._clock.now())
             now = self._clock.now()
-            if now - next_tick > MAX_AGE:
-                raise _FlightEndError(f"this computer was {now - next_tick:.1f} s late")
+            if now - next_tick > _MAX_DELAY:
+                raise _FlightEndError(
+                    f"a control tick was {now - next_tick:.1f} s late; this computer is too slow or busy"
+                )
             telemetry = self._link.telemetry()
             assert telemetry is not None
-            if now - telemetry.time > MAX_AGE:
-                raise _FlightEndError(f"position or attitude are {now - telemetry.time:.1f} s old")
+            age, mode_age = now - telemetry.time, now - telemetry.mode_time
+            if age > _MAX_AGES[self._companion.setpoint]:
+                raise _FlightEndError(f"the latest position or attitude is {age:.2f} s old")
+            if mode_age > _MAX_MODE_AGE:
+                raise _FlightEndError(f"the latest heartbeat is {mode_age:.1f} s old")
+            if not all(map(math.isfinite, telemetry.state)):
+                raise _FlightEndError("the measured state is not finite")
+            self._last_state = telemetry.state
             yield telemetry
-            next_tick += period
+            # Missed ticks are omitted, so that setpoints are not sent in a burst.
+            next_tick = max(next_tick + period, self._clock.now())
 
-    def _command_end(self) -> str:
-        """Command the mode after the flight, and return a description of what the vehicle does."""
-        stack, start = self._link.stack, self._clock.now()
-        mode = stack.end_modes[self._end_mode]
-        held: Reference | None = None
-        next_command = start
-        while self._clock.now() - start < _MODE_TIMEOUT:
-            try:
-                telemetry = self._link.telemetry()
-                if telemetry is not None and telemetry.mode != stack.offboard_mode:
-                    return f"the vehicle is in mode {telemetry.mode}"
-                if self._clock.now() >= next_command:
-                    self._link.set_mode(mode)
-                    next_command += _MODE_TIMEOUT / 5.0
-                # Without setpoints, the vehicle would leave the mode by its failsafe before it obeys the command.
-                if telemetry is not None and self._clock.now() - telemetry.time < MAX_AGE:
-                    held = held or self._reference_at_rest(telemetry.state, telemetry.state.yaw)
-                    self._link.send_position(held)
-            except OffboardError as error:
-                return str(error)
-            self._clock.sleep(min(self._companion.period, 0.05))
-        return f"the vehicle did not switch to {mode}{self._warnings()}"
+    def _command_end(self) -> tuple[str, bool]:
+        """Command the mode after the flight. Return a description of the result, and whether the vehicle obeyed."""
+        try:
+            with _ignored_interruptions():
+                ending = self._change_mode()
+            if ending is None:
+                self._say("the vehicle does not change its mode; switch it by hand (setpoints hold the position)")
+                while self._hold_and_read() == self._link.stack.offboard_mode:
+                    if self._mode_age() > _MAX_MODE_AGE:
+                        return "no heartbeat confirms that the vehicle has changed its mode", False
+                    self._clock.sleep(_POSITION_PERIOD)
+                return "the mode was changed by hand", False
+        except OffboardError as error:
+            return f"{error}, so no mode was commanded", False
+        except KeyboardInterrupt:
+            return "the vehicle did not change its mode", False
+        return ending
+
+    def _change_mode(self) -> tuple[str, bool] | None:
+        """Command modes until the vehicle obeys, as `_command_end`. Return None if it refuses to change its mode."""
+        stack = self._link.stack
+        # The pilot may have changed the mode after the last heartbeat. A mode command would then take the vehicle from
+        # the pilot, so the mode must be known first.
+        self._link.request_mode()
+        start = self._clock.now()
+        deadline = start + _FRESH_MODE_TIMEOUT
+        while self._mode_age() > self._clock.now() - start and self._clock.now() < deadline:
+            self._hold_and_read()
+            self._clock.sleep(0.02)
+        mode = self._hold_and_read()
+        if mode != stack.offboard_mode:
+            return f"the vehicle changed to {mode}", False
+        modes = dict.fromkeys((stack.end_modes[self._end_mode], stack.end_modes["land"]))
+        for commanded in modes:
+            for _ in range(_MODE_ATTEMPTS):
+                self._link.set_mode(commanded)
+                deadline = self._clock.now() + _MODE_PERIOD / _MODE_ATTEMPTS
+                while self._clock.now() < deadline and not self._link.mode_was_refused:
+                    mode = self._hold_and_read()
+                    if mode != stack.offboard_mode:
+                        return f"the vehicle changed to {mode}", mode == stack.end_modes[self._end_mode]
+                    self._clock.sleep(0.02)
+        return None
+
+    def _mode_age(self) -> float:
+        telemetry = self._link.telemetry()
+        return math.inf if telemetry is None else self._clock.now() - telemetry.mode_time
+
+    def _hold_and_read(self) -> str:
+        """Send a setpoint that holds the last known position, and return the latest mode.
+
+        Without setpoints, PX4's failsafe could act before the mode command, and ArduPilot would keep the last attitude
+        or body rates for seconds.
+        """
+        if self._last_state is not None:
+            self._link.send_position(_at_rest(self._last_state, self._last_state.yaw))
+        telemetry = self._link.telemetry()
+        assert telemetry is not None
+        return telemetry.mode
 
     def _warnings(self) -> str:
-        texts = self._link.warnings[-2:]
+        texts = [text for _, text in self._link.recent_warnings()][-2:]
         return f" ({'; '.join(texts)})" if texts else ""
 
     @staticmethod
     def _write(file: TextIO, cells: list[str]) -> None:
         file.write(",".join(cells) + "\n")
+
+
+def _at_rest(state: State, yaw: float) -> Reference:
+    """Return a reference that rests at the position of a state."""
+    return Reference(state.x, state.y, state.z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, 0.0)
 
 
 def _shifted(value: _Motion, shift: np.ndarray) -> _Motion:
@@ -354,3 +481,31 @@ def _headings(companion: Companion) -> list[str]:
         for signal, kind in signals.items()
         for row, quantity in field_quantities(kind).items()
     ]
+
+
+@contextmanager
+def _handlers(signals: tuple[signal.Signals, ...], handler: Any) -> Iterator[None]:
+    """Handle signals inside a `with` statement. Only the main thread can do so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {each: signal.signal(each, handler) for each in signals}
+    try:
+        yield
+    finally:
+        for each, previous in before.items():
+            signal.signal(each, previous)
+
+
+def _interruptions() -> Any:
+    """Return a context in which the end of a terminal or session interrupts the flight, as Ctrl-C does."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    return _handlers((signal.SIGTERM, signal.SIGHUP), interrupt)
+
+
+def _ignored_interruptions() -> Any:
+    """Return a context in which interruptions are ignored, so that the vehicle is commanded to end the flight."""
+    return _handlers((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), signal.SIG_IGN)

@@ -1,7 +1,7 @@
-"""Signals of this library as fields of MAVLink messages, and back.
+"""Conversion between signals of this library and fields of MAVLink messages.
 
-MAVLink's local frame points north, east and down, and its body frame forward, right and down. Both are rotated by half
-a turn about x against the frames of this library.
+MAVLink's local frame points north, east and down, and its body frame forward, right and down. Each differs from the
+corresponding frame of this library by a rotation of 180° about x.
 """
 
 import math
@@ -12,7 +12,7 @@ from drake_quad.signals import AttitudeTarget, BodyRates, Reference, State
 
 
 def measured_state(local_position: Any, attitude: Any) -> State:
-    """Return the state of the vehicle in the messages LOCAL_POSITION_NED and ATTITUDE."""
+    """Return the state of the vehicle from the messages LOCAL_POSITION_NED and ATTITUDE."""
     return State(
         local_position.x,
         -local_position.y,

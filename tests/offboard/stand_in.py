@@ -5,8 +5,6 @@ mass with a spring and a damper; an attitude setpoint turns the vehicle with a l
 """
 
 import math
-import threading
-import time
 
 import numpy as np
 from pymavlink import mavutil
@@ -16,20 +14,33 @@ GRAVITY = 9.80665
 ARDUPILOT_MODES = {"STABILIZE": 0, "GUIDED": 4, "RTL": 6, "LAND": 9, "BRAKE": 17}
 _LAG = 0.05  # s, of the attitude
 _STEP = 0.004  # s
-_OFFBOARD_TIMEOUT = 0.5  # s without setpoints after which the vehicle leaves the mode
+_OFFBOARD_TIMEOUT = 0.5  # s without setpoints after which PX4 leaves the mode
 
 
-class FastClock:
-    """Clock that runs faster than the real time."""
+class SimulatedClock:
+    """Clock that advances only while somebody waits, together with the vehicles. Flights are therefore repeatable."""
 
-    def __init__(self, speed=5.0):
-        self.speed, self._start = speed, time.monotonic()
+    def __init__(self):
+        self.time, self.vehicles, self._events = 0.0, [], []
 
     def now(self):
-        return self.speed * (time.monotonic() - self._start)
+        return self.time
 
     def sleep(self, duration):
-        time.sleep(max(0.0, duration / self.speed))
+        """Advance by a duration, s. Due events run at the end of each step."""
+        end = self.time + max(0.0, duration)
+        while self.time < end:
+            self.time = min(end, self.time + _STEP)
+            for vehicle in self.vehicles:
+                vehicle.update(self.time)
+            due = [event for event in self._events if event[0] <= self.time]
+            self._events = [event for event in self._events if event[0] > self.time]
+            for _, action in due:
+                action()
+
+    def call_later(self, delay, action):
+        """Call a function without arguments after a delay, s."""
+        self._events.append((self.time + delay, action))
 
 
 class StandInVehicle:
@@ -41,39 +52,47 @@ class StandInVehicle:
         state: position and velocity (north, east, down), roll, pitch, yaw and body rates; a test may set it.
     """
 
-    def __init__(self, port, *, stack="px4", clock, position=(3.0, -2.0, -1.5), yaw=0.4, armed=True, on_ground=False):
+    def __init__(
+        self,
+        port,
+        *,
+        stack="px4",
+        clock,
+        position=(3.0, -2.0, -1.5),
+        yaw=0.4,
+        armed=True,
+        on_ground=False,
+        system=7,
+        address=None,
+    ):
         self.stack, self.clock, self.armed, self.on_ground = stack, clock, armed, on_ground
         self.mode = "POSCTL" if stack == "px4" else "STABILIZE"
-        self.parameters = {"MPC_THR_HOVER": 0.45, "MOT_THST_HOVER": 0.35, "GUID_OPTIONS": 8.0}
+        self.parameters = {"MPC_THR_HOVER": 0.45, "MOT_THST_HOVER": 0.35, "GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}
         self.hover = 0.45 if stack == "px4" else 0.35
         self.state = np.array([*position, 0, 0, 0, 0, 0, yaw, 0, 0, 0], dtype=float)
         self.received, self.commands, self.heartbeats = [], [], []
         self.streams, self.accepts_modes, self.disturbance = True, True, np.zeros(3)
         self.setpoint, self.setpoint_time = None, -math.inf
-        self.interval = {"LOCAL_POSITION_NED": 0.1, "ATTITUDE": 0.1}
-        self.system = 7
-        self._link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=7, source_component=1)
-        self._next = {"heartbeat": 0.0, "LOCAL_POSITION_NED": 0.0, "ATTITUDE": 0.0, "EXTENDED_SYS_STATE": 0.0}
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self.interval = {"LOCAL_POSITION_NED": 0.1, "ATTITUDE": 0.1, "HEARTBEAT": 1.0, "EXTENDED_SYS_STATE": math.inf}
+        self.modes_accepted, self.has_landed_state, self.fast_heartbeats = None, True, True
+        self._link = mavutil.mavlink_connection(
+            address or f"udpout:127.0.0.1:{port}", source_system=system, source_component=1
+        )
+        self._next = dict.fromkeys(self.interval, 0.0)
+        self._last = clock.now()
+        clock.vehicles.append(self)
 
     def close(self):
-        self._stopped.set()
-        self._thread.join()
+        self.clock.vehicles.remove(self)
         self._link.close()
 
-    def _run(self):
-        last = self.clock.now()
-        while not self._stopped.is_set():
-            self.clock.sleep(_STEP)
-            now = self.clock.now()
-            while (message := self._receive()) is not None:
-                self._process(message, now)
-            while last + _STEP < now:
-                self._step(_STEP, last)
-                last += _STEP
-            self._send(now)
+    def update(self, now):
+        """Receive messages, move, and send messages until a time, s."""
+        while (message := self._receive()) is not None:
+            self._process(message, now)
+        self._step(now - self._last, now)
+        self._last = now
+        self._send(now)
 
     def _receive(self):
         try:
@@ -98,16 +117,18 @@ class StandInVehicle:
         result = mavlink.MAV_RESULT_ACCEPTED
         if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             name = mavlink.mavlink_map[int(message.param1)].msgname
-            self.interval[name] = message.param2 / 1e6
+            if name != "HEARTBEAT" or self.fast_heartbeats:
+                self.interval[name] = message.param2 / 1e6 or 1.0
+                self._next[name] = 0.0
+        elif message.command == mavlink.MAV_CMD_REQUEST_MESSAGE and self.fast_heartbeats:
+            self._next["HEARTBEAT"] = 0.0
         elif message.command == mavlink.MAV_CMD_DO_SET_MODE:
             if self.stack == "px4":
-                numbers = (message.param1, message.param2, message.param3)
-                modes = {
-                    name: values for name, values in mavutil.px4_map.items() if tuple(map(float, values)) == numbers
-                }
+                numbers = (message.param2, message.param3)
+                modes = [name for name, values in mavutil.px4_map.items() if values[1:] == numbers]
             else:
-                modes = {name: number for name, number in ARDUPILOT_MODES.items() if number == message.param2}
-            if modes and self.accepts_modes:
+                modes = [name for name, number in ARDUPILOT_MODES.items() if number == message.param2]
+            if modes and self.accepts_modes and (self.modes_accepted is None or modes[0] in self.modes_accepted):
                 (self.mode,) = modes
             else:
                 result = mavlink.MAV_RESULT_DENIED
@@ -119,8 +140,8 @@ class StandInVehicle:
 
     def _step(self, dt, now):
         position, velocity, attitude = self.state[:3], self.state[3:6], self.state[6:9]
-        if self.follows and now - self.setpoint_time > _OFFBOARD_TIMEOUT:
-            self.mode = "LOITER" if self.stack == "px4" else "BRAKE"
+        if self.mode == "OFFBOARD" and now - self.setpoint_time > _OFFBOARD_TIMEOUT:
+            self.mode = "LOITER"
         message = self.setpoint if self.follows else None
         acceleration = -3.0 * velocity
         rates = np.zeros(3)
@@ -138,7 +159,10 @@ class StandInVehicle:
                 difference = [math.remainder(angle, 2.0 * math.pi) for angle in target - attitude]
                 rates = np.array(difference) / _LAG
             up = rotation(*attitude)[:, 2]
-            acceleration = np.array([0.0, 0.0, GRAVITY]) - GRAVITY * message.thrust / self.hover * up
+            thrust = message.thrust / self.hover
+            if self.stack == "ardupilot" and self.parameters.get("ATC_ANGLE_BOOST"):
+                thrust /= up[2]
+            acceleration = np.array([0.0, 0.0, GRAVITY]) - GRAVITY * thrust * up
         acceleration = acceleration + self.disturbance
         self.state[:3] += dt * velocity + 0.5 * dt**2 * acceleration
         self.state[3:6] += dt * acceleration
@@ -147,17 +171,18 @@ class StandInVehicle:
 
     def _send(self, now):
         mav, milliseconds = self._link.mav, int(1e3 * now)
-        if now >= self._next["heartbeat"]:
-            self._next["heartbeat"] = now + 0.2
+        if now >= self._next["HEARTBEAT"] and self.streams:
+            self._next["HEARTBEAT"] = now + self.interval["HEARTBEAT"]
             base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED * self.armed)
             if self.stack == "px4":
                 _, main, sub = mavutil.px4_map[self.mode]
                 autopilot, custom = mavlink.MAV_AUTOPILOT_PX4, main << 16 | sub << 24
+                base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED  # PX4 sets no flag for Offboard
             else:
                 autopilot, custom = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, ARDUPILOT_MODES[self.mode]
             mav.heartbeat_send(mavlink.MAV_TYPE_QUADROTOR, autopilot, base, custom, mavlink.MAV_STATE_ACTIVE)
-        if now >= self._next["EXTENDED_SYS_STATE"]:
-            self._next["EXTENDED_SYS_STATE"] = now + 0.2
+        if self.has_landed_state and now >= self._next["EXTENDED_SYS_STATE"]:
+            self._next["EXTENDED_SYS_STATE"] = now + self.interval["EXTENDED_SYS_STATE"]
             mav.extended_sys_state_send(0, 1 if self.on_ground else 2)
         for name, send, values in (
             ("LOCAL_POSITION_NED", mav.local_position_ned_send, self.state[:6]),

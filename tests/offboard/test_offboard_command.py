@@ -1,5 +1,6 @@
 """Tests of the command `drake-quad offboard`."""
 
+import functools
 import json
 import socket
 
@@ -7,10 +8,11 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line import offboard
-from drake_quad.offboard.link import OffboardError
+from drake_quad.offboard.limits import Limits
+from drake_quad.offboard.link import OffboardError, VehicleLink
 
 pytest.importorskip("pymavlink", reason="the extra px4 is not installed")
-from stand_in import FastClock, StandInVehicle
+from stand_in import SimulatedClock, StandInVehicle
 
 SHORT = {
     "kind": "waypoints",
@@ -21,12 +23,14 @@ SHORT = {
 }
 
 
-def run(tmp_path, *options):
-    """Run the command with real time, and a vehicle that hovers."""
+def run(monkeypatch, tmp_path, *options):
+    """Run the command with a vehicle that hovers."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    vehicle = StandInVehicle(port, clock=FastClock(1.0))
+    clock = SimulatedClock()
+    vehicle = StandInVehicle(port, clock=clock)
+    monkeypatch.setattr(offboard, "VehicleLink", functools.partial(VehicleLink, clock=clock))
     overrides = ["--set", f"route={json.dumps(SHORT)}", "--set", "metrics={start: 0, end: null}"]
     arguments = ["onboard", *overrides, "--address", f"udpin:127.0.0.1:{port}", "--output", str(tmp_path), *options]
     try:
@@ -36,8 +40,8 @@ def run(tmp_path, *options):
     return vehicle
 
 
-def test_a_flight_prints_its_phases_and_its_error(tmp_path, capsys):
-    vehicle = run(tmp_path, "--send", "attitude", "--engage")
+def test_a_flight_prints_its_phases_and_its_error(monkeypatch, tmp_path, capsys):
+    vehicle = run(monkeypatch, tmp_path, "--send", "attitude", "--engage")
     words = capsys.readouterr().out
     for text in (
         "switching to OFFBOARD",
@@ -52,30 +56,25 @@ def test_a_flight_prints_its_phases_and_its_error(tmp_path, capsys):
     assert load_scenario(tmp_path / "scenario.yaml").name == "onboard"
 
 
-def test_a_dry_run_prints_no_error(tmp_path, capsys):
-    vehicle = run(tmp_path, "--dry-run")
+def test_a_dry_run_prints_no_error(monkeypatch, tmp_path, capsys):
+    vehicle = run(monkeypatch, tmp_path, "--dry-run")
     words = capsys.readouterr().out
     assert "the route is complete" in words
     assert "RMSE" not in words
     assert vehicle.received == []
 
 
-@pytest.mark.parametrize("fence", ["1,2,3", "-1,1,-1,1,2,x", "1,-1,-1,1,0,2", "-1,1,-1,1,nan,2"])
+@pytest.mark.parametrize("fence", ["1 -1 -1 1 0 2", "-1 1 -1 1 nan 2"])
 def test_a_fence_that_is_no_box_is_refused(tmp_path, fence):
-    with pytest.raises(InputError, match=f"^--fence {fence}: "):
-        offboard.main(offboard.options().parse_args(["onboard", f"--fence={fence}", "--output", str(tmp_path)]))
+    with pytest.raises(InputError, match="^--fence: the first number of each pair must be smaller than the second$"):
+        offboard.main(offboard.options().parse_args(["onboard", "--output", str(tmp_path), "--fence", *fence.split()]))
 
 
-def test_a_flight_that_ends_early_fails(tmp_path):
-    with pytest.raises(OffboardError, match="the flight ended early: the speed"):
-        run(
-            tmp_path,
-            "--engage",
-            "--max-speed",
-            "0.2",
-            "--set",
-            "route.waypoints.1.point=[1,0,1]",
-            "--set",
-            "route.times.1=2.0",
-            "--fence=-9,9,-9,9,0,9",
-        )
+def test_a_flight_that_ends_early_fails(monkeypatch, tmp_path):
+    fast = ["--set", "route.waypoints.1.point=[1,0,1]", "--set", "route.times.1=2.0"]
+    fence = ["--fence", "2", "3.5", "-9", "9", "0", "9"]
+    with pytest.raises(InputError, match="leaves the geofence"):
+        run(monkeypatch, tmp_path, "--engage", *fast, *fence)
+    monkeypatch.setattr(Limits, "violation", lambda self, state, reference: "the test ends the flight")
+    with pytest.raises(OffboardError, match="the flight ended early: the test ends the flight; the vehicle changed to"):
+        run(monkeypatch, tmp_path, "--engage", *fast)

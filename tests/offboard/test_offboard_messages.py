@@ -134,8 +134,9 @@ def test_a_reduced_tilt_keeps_its_direction():
         ({"x": 2.1}, "the vehicle left the geofence: x is 2.10 m, outside -2.00 to 2.00 m"),
         ({"z": -0.1}, "the vehicle left the geofence: z is -0.10 m, outside 0.00 to 2.00 m"),
         ({"v_y": -3.1}, "the speed of 3.1 m/s exceeds 3 m/s"),
-        ({"roll": 0.4, "pitch": 0.4}, "the tilt of 32° exceeds 29°"),
-        ({"roll": 3.1}, "the tilt of 178° exceeds 29°"),
+        ({"roll": 0.4, "pitch": 0.4}, None),
+        ({"roll": 0.6, "pitch": 0.4}, "the tilt of 41° exceeds 39°"),
+        ({"roll": 3.1}, "the tilt of 178° exceeds 39°"),
         ({"y": 1.5}, "the distance of 1.58 m from the reference exceeds 1 m"),
         ({"yaw": math.nan}, "the measured state is not finite"),
     ],
@@ -149,6 +150,6 @@ def test_the_first_exceeded_limit_is_named(change, words):
 def test_a_route_outside_the_fence_is_refused():
     route = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     Fence.around(route).check_route(route)
-    assert Fence.around(route) == ((-2.0, -2.0, -1.0), (3.0, 2.0, 3.0))
+    assert Fence.around(route) == ((-2.0, -2.0, 0.5), (3.0, 2.0, 3.0))
     with pytest.raises(InputError, match=r"leaves the geofence at \(1.00, 0.00, 1.00\) m"):
         Fence((-1.0, -1.0, 0.0), (0.5, 1.0, 2.0)).check_route(route)
