@@ -1,12 +1,15 @@
 """Tests of the assignment of motors to rotors."""
 
+import math
 import re
 
 import pytest
 
 from drake_quad.errors import InputError
 from drake_quad.firmware import motors
+from drake_quad.firmware.ardupilot.system import _MIXERS
 from drake_quad.firmware.betaflight.mixers import mixer_of
+from drake_quad.firmware.px4.system import _MIXER
 from drake_quad.vehicle.rotors import ANTICLOCKWISE, CLOCKWISE, Rotors
 
 
@@ -32,6 +35,26 @@ def test_motors_of_a_plus_are_found_by_their_place():
     """Betaflight numbers the motors of its mixer QUADP: 1 rear, 2 right, 3 left, 4 front."""
     rotors = Rotors.plus(rotor_1_direction=CLOCKWISE)  # front, right, back, left
     assert motors_of_rotors(rotors, "QUADP") == (3, 1, 0, 2)
+
+
+@pytest.mark.parametrize("degrees", [-10.5, 0.0, 10.5])
+def test_a_plus_may_be_turned_by_almost_eleven_degrees(degrees):
+    """In ArduPilot's frame Quad Plus, motor 1 is on the right, motor 2 on the left, 3 in front and 4 at the back."""
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    rotors = [
+        rotor._replace(x=cosine * rotor.x - sine * rotor.y, y=sine * rotor.x + cosine * rotor.y)
+        for rotor in Rotors.plus(rotor_1_direction=CLOCKWISE)  # front, right, back, left
+    ]
+    actual = motors.motors_of_rotors(rotors, _MIXERS[0], shape_advice="", turns_advice="")
+    assert actual == (2, 0, 3, 1)
+
+
+def test_motors_of_ardupilot_and_px4_in_an_x_are_found_by_their_place():
+    """Both number the motors: 1 front right, 2 rear left, 3 front left, 4 rear right."""
+    for mixer in (_MIXERS[1], _MIXER):
+        # The rotors are in front right, rear right, rear left and front left.
+        actual = motors.motors_of_rotors(x(ANTICLOCKWISE), mixer, shape_advice="", turns_advice="")
+        assert actual == (0, 3, 1, 2)
 
 
 def test_the_layout_may_have_any_origin():
