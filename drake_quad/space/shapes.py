@@ -313,11 +313,11 @@ def convex_hull(points: ArrayLike) -> Hull:
         raise InputError(f"the coordinates of a hull must be finite, and at most {_MAX_COORDINATE:g} m")
     middle = coordinates.mean(axis=0)
     size = float(np.ptp(coordinates, axis=0).max())
-    if size < _MIN_SIZE:
-        raise InputError(f"the hull has a size of {size:.2g} m, but must be larger than {_MIN_SIZE:g} m")
     # A hull thinner than a millionth of its size counts as flat.
     if np.linalg.svd(coordinates - middle, compute_uv=False)[-1] <= 1e-6 * size:
         raise InputError(f"the {len(coordinates)} points of a hull are in a plane")
+    if size < _MIN_SIZE:
+        raise InputError(f"the hull has a size of {size:.2g} m, but must be larger than {_MIN_SIZE:g} m")
     try:
         hull = ConvexHull((coordinates - middle) / size)
     except QhullError as error:
