@@ -1,6 +1,6 @@
 """Reference and controller of a scenario on a companion computer, advanced tick by tick."""
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -21,7 +21,7 @@ from drake_quad.signals import AttitudeTarget, BodyRates, Reference, State
 
 Setpoint = Literal["position", "attitude", "rates"]
 """Kinds of setpoints."""
-SETPOINTS: tuple[Setpoint, ...] = ("position", "attitude", "rates")
+SETPOINTS: tuple[Setpoint, ...] = get_args(Setpoint)
 # The attitude loop for setpoints of body rates has the defaults of PX4's MC_ROLL_P and MC_YAW_P.
 _ATTITUDE_GAIN = 6.5  # 1/s
 _YAW_GAIN = 2.8  # 1/s

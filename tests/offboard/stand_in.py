@@ -15,6 +15,14 @@ ARDUPILOT_MODES = {"STABILIZE": 0, "GUIDED": 4, "RTL": 6, "LAND": 9, "BRAKE": 17
 _LAG = 0.05  # s, of the attitude
 _STEP = 0.004  # s
 _OFFBOARD_TIMEOUT = 0.5  # s without setpoints after which PX4 leaves the mode
+# Route of a short flight.
+HOP = {
+    "kind": "waypoints",
+    "waypoints": [{"point": [0, 0, 1]}, {"point": [1, 0.5, 1.5]}],
+    "times": [0.0, 3.0],
+    "top_speed": None,
+    "top_acceleration": None,
+}
 
 
 class SimulatedClock:

@@ -12,15 +12,9 @@ from drake_quad.offboard.limits import Limits
 from drake_quad.offboard.link import OffboardError, VehicleLink
 
 pytest.importorskip("pymavlink", reason="the extra px4 is not installed")
-from stand_in import SimulatedClock, StandInVehicle
+from stand_in import HOP, SimulatedClock, StandInVehicle
 
-SHORT = {
-    "kind": "waypoints",
-    "waypoints": [{"point": [0, 0, 1]}, {"point": [0.05, 0, 1]}],
-    "times": [0.0, 0.5],
-    "top_speed": None,
-    "top_acceleration": None,
-}
+SHORT = {**HOP, "waypoints": [{"point": [0, 0, 1]}, {"point": [0.05, 0, 1]}], "times": [0.0, 0.5]}
 
 
 def run(monkeypatch, tmp_path, *options):

@@ -14,15 +14,7 @@ from drake_quad.offboard.limits import Fence, Limits
 from drake_quad.offboard.link import OffboardError, VehicleLink
 
 pytest.importorskip("pymavlink", reason="the extra px4 is not installed")
-from stand_in import SimulatedClock, StandInVehicle
-
-HOP = {
-    "kind": "waypoints",
-    "waypoints": [{"point": [0, 0, 1]}, {"point": [1, 0.5, 1.5]}],
-    "times": [0.0, 3.0],
-    "top_speed": None,
-    "top_acceleration": None,
-}
+from stand_in import HOP, SimulatedClock, StandInVehicle
 
 
 @pytest.fixture
