@@ -83,8 +83,8 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
     expected = _outputs(fleet, first)
     for name, values in expected.items():
         assert not np.isnan(values).any(), f"numbers: `{name}` is NaN for inputs between 0.1 and 0.9"
-    _outputs(fleet, second)
-    _compare("context", "after other inputs in another context", _outputs(fleet, first), expected, 0.0)
+    after_others, of_new = _outputs(fleet, second), _outputs(make(num_vehicles), second)
+    _compare("context", "after other inputs in another context", after_others, of_new, 0.0)
     for vehicle in range(num_vehicles):
         outputs = _outputs(make(1), first.of_vehicle(vehicle))
         in_fleet = {name: values[..., vehicle : vehicle + 1] for name, values in expected.items()}

@@ -1,5 +1,6 @@
 """Tests that `check_system` accepts the systems of the package, and names the rule that a faulty system breaks."""
 
+import functools
 import math
 
 import numpy as np
@@ -85,19 +86,31 @@ class CountingSystem(PlainSystem):
         return rows + 1e-9 * self._calls
 
 
+class RememberingSystem(PlainSystem):
+    """System that breaks the rule "context": it stores each output outside the context, by the time."""
+
+    def _write(self, context, output):
+        if not hasattr(self, "_stored"):
+            self._stored = {}
+        values = np.ravel(self._port.Eval(context))
+        output.SetFromVector(self._stored.setdefault(context.get_time(), values))
+
+
 def test_check_system_accepts_compiled_systems_python_systems_and_diagrams():
     assert check_system(system_with(doubled)) == ALL_RULES
     assert check_system(PlainSystem) == ALL_RULES[:5]
 
-    def two_in_series(num_vehicles):
+    def two_in_series(num_vehicles, make_second=system_with(doubled)):
         builder = DiagramBuilder()
-        first, second = (builder.AddSystem(system_with(doubled)(num_vehicles=num_vehicles)) for _ in range(2))
+        makes = system_with(doubled), make_second
+        first, second = (builder.AddSystem(make(num_vehicles=num_vehicles)) for make in makes)
         builder.Connect(first.get_output_port(), second.get_input_port())
         builder.ExportInput(first.get_input_port(), "u")
         builder.ExportOutput(second.get_output_port(), "y")
         return builder.Build()
 
     assert check_system(two_in_series) == ALL_RULES
+    assert check_system(functools.partial(two_in_series, make_second=PlainSystem)) == ALL_RULES[:5]
 
 
 def controller_with(*inputs, output="acceleration_command"):
@@ -143,6 +156,7 @@ def test_port_names_that_resemble_no_signal_are_accepted():
             "ports: `y` has 9 .* must have 3",
         ),
         (CountingSystem, "context: `y` differs by .* after other inputs"),
+        (RememberingSystem, "context: `y` differs by .* after other inputs"),
         (
             lambda n: PlainSystem(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)),
             "vehicles: `y` differs by",

@@ -2,10 +2,11 @@
 
 import gc
 import logging
+import os
 
 import pytest
 
-from drake_quad.process_settings import without_drake_remarks, without_garbage_collection
+from drake_quad.process_settings import on_processor, without_drake_remarks, without_garbage_collection
 
 
 def test_messages_of_drake_are_hidden_until_the_last_context_is_left():
@@ -32,3 +33,11 @@ def test_the_garbage_collector_is_paused_and_restored(enabled):
         assert gc.isenabled() == enabled
     finally:
         (gc.enable if was_enabled else gc.disable)()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="requires Linux")
+def test_a_thread_may_run_on_all_its_processors_again_afterwards():
+    allowed = os.sched_getaffinity(0)
+    with on_processor(min(allowed)):
+        assert os.sched_getaffinity(0) == {min(allowed)}
+    assert os.sched_getaffinity(0) == allowed

@@ -79,7 +79,7 @@ def _section(name: str, parser: argparse.ArgumentParser) -> str:
             continue
         value = "" if action.nargs == 0 else formatter._format_args(action, action.dest.upper()).replace(",", ", ")
         names = " ".join([", ".join(action.option_strings), value]).strip() or action.dest
-        words = formatter._expand_help(action) if action.help else ""
+        words = formatter._expand_help(action)
         rows.append(f"| {_cell(f'`{names}`')} | {_cell(words)} |")
     example = re.sub(r"^examples?: ", "", parser.epilog or "")
     table = ["| argument | |", "|---|---|", *rows]

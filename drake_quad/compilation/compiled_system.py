@@ -196,18 +196,17 @@ class CompiledSystem(LeafSystem):
                 while count and (first + count - 1) * period > last:
                     count -= 1
             if count:
-                places = (first + np.arange(count)) % length
-                shared = np.zeros((count, max(1, *(each.width for each in cycle.shared))))
-                for place in dict.fromkeys(places.tolist()):
-                    columns = cycle.shared[place]
-                    rows = np.flatnonzero(places == place)
-                    table = self._table(columns, cycle.instants, first + int(rows[0]), len(rows), length)
-                    shared[rows, : table.shape[1]] = table
-                log = self._run(
-                    cycle, context, values.get_mutable_value(self._state), shared, order=cycle.kinds[places]
-                )
+                state = values.get_mutable_value(self._state)
+                if length == 1:
+                    log = self._run(
+                        cycle, context, state, self._table(cycle.shared[0], cycle.instants, first, count, 1)
+                    )
+                else:
+                    places = (first + np.arange(count)) % length
+                    log = self._run(cycle, context, state, self._cycle_table(cycle, first, places), cycle.kinds[places])
+                    log = log[cycle.logs[places]]
                 if cycle.loop.num_logged:
-                    self._append_to_log(context, log[cycle.logs[places]], first)
+                    self._append_to_log(context, log, first)
 
         def check(context: Context, values: Any) -> None:
             begin = context.get_time() / (period * ticks)
@@ -261,6 +260,16 @@ class CompiledSystem(LeafSystem):
 
         rows = self._tables.get((id(shared), stride, begin, size), make)
         return rows[recurrence - begin : recurrence - begin + count]
+
+    def _cycle_table(self, cycle: EventCycle, first: int, places: np.ndarray) -> np.ndarray:
+        """Return the table rows of consecutive events of a cycle, given their places in the cycle; see `_table`."""
+        rows = np.zeros((len(places), max(1, *(each.width for each in cycle.shared))))
+        for place in dict.fromkeys(places.tolist()):
+            events = np.flatnonzero(places == place)
+            start = first + int(events[0])
+            table = self._table(cycle.shared[place], cycle.instants, start, len(events), len(cycle.kinds))
+            rows[events, : table.shape[1]] = table
+        return rows
 
     def _run_now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Run an event of the compiled diagram at the time of the context, and return the values that it logs."""

@@ -110,7 +110,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
     targets = [*((STATE, row) for row in results.changes), *((LOG, row) for row in range(len(results.logged)))]
     fixed = _are_fixed(listing)
     preparation = _PartialCopy(listing)
-    rest = _RemainingPart(listing, fixed, preparation)
+    rest = _RemainingPart(listing, fixed)
     # A line is copied after the lines that compute its operands. Copying a line therefore never recurses deeply.
     for line in _required_lines(listing, lines):
         if not fixed[line]:
@@ -157,21 +157,19 @@ class _RemainingPart(_PartialCopy):
     Args:
         source: listing to copy.
         fixed: mask of the lines that depend only on parameters.
-        preparation: copy that computes the lines that depend only on parameters.
 
     Attributes:
-        precomputed: lines of the source that `preparation` computes and this copy reads.
+        precomputed: lines of the source that depend only on parameters and whose results this copy reads.
     """
 
-    def __init__(self, source: Listing, fixed: Sequence[bool], preparation: _PartialCopy) -> None:
+    def __init__(self, source: Listing, fixed: Sequence[bool]) -> None:
         super().__init__(source)
         self.precomputed: list[int] = []
-        self._fixed, self._preparation = fixed, preparation
+        self._fixed = fixed
 
     def _copied(self, line: int, operation: Operation) -> int:
         # Recomputing a comparison is faster than storing its result.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
-            self._preparation.line(line)
             self.precomputed.append(line)
             return self.listing.line("row", (PRECOMPUTED, len(self.precomputed) - 1), operation.kind)
         return super()._copied(line, operation)

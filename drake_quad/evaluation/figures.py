@@ -59,7 +59,7 @@ def base_and_network(controller: str) -> tuple[str, str]:
     """Return the name of the base controller and the kind of network; the kind is "" without a network."""
     if controller not in CONTROLLER_NAMES and "@" not in controller:  # a user's controller
         return controller, ""
-    base = max((name for name in _COLORS if controller.startswith(name)), key=len)
+    base = next(name for name in _COLORS if controller.startswith(name))
     return base, controller.removeprefix(base).removeprefix("_")
 
 

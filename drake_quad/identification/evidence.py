@@ -152,8 +152,7 @@ def pseudo_inverse(information: np.ndarray, total: np.ndarray) -> np.ndarray:
     scaling = np.outer(scales, scales)
     # The decomposition of a symmetric matrix takes a third of the time of `np.linalg.pinv`.
     values, vectors = np.linalg.eigh(information * scaling)
-    sizes = np.abs(values)
-    is_known = sizes > _MIN_EIGENVALUE_RATIO * np.max(sizes, axis=-1, keepdims=True, initial=0.0)
+    is_known = values > _MIN_EIGENVALUE_RATIO * np.max(values, axis=-1, keepdims=True, initial=0.0)
     inverses = np.where(is_known, 1.0 / np.where(is_known, values, 1.0), 0.0)
     return np.asarray(scaling * ((vectors * inverses[..., None, :]) @ vectors.swapaxes(-1, -2)))
 

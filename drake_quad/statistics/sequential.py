@@ -44,9 +44,9 @@ def probability_sequence(count: int, total: int, confidence: float = CONFIDENCE)
         return float(mixture - likelihood + math.log1p(-confidence))
 
     low, high = 0.0, 1.0
-    if count and excess(_MIN_PROBABILITY) > 0.0:
+    if count:
         low = scipy.optimize.brentq(excess, _MIN_PROBABILITY, estimate if others else 1.0 - _MIN_PROBABILITY)
-    if others and excess(1.0 - _MIN_PROBABILITY) > 0.0:
+    if others:
         high = scipy.optimize.brentq(excess, estimate if count else _MIN_PROBABILITY, 1.0 - _MIN_PROBABILITY)
     return Interval(estimate, float(low), float(high))
 

@@ -72,7 +72,7 @@ class LiveFlight:
         InputError: if `simulate` cannot fly the scenario.
     """
 
-    def __init__(self, scenario: Scenario, meshcat: Meshcat, *, sample: int = 0, rate: float = 1.0) -> None:
+    def __init__(self, scenario: Scenario, meshcat: Meshcat, *, rate: float, sample: int = 0) -> None:
         drawn = draw_sample(scenario, sample)
         self.plan = plan_route(drawn)
         self.duration = flight_duration(drawn, self.plan)

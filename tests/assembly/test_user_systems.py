@@ -180,3 +180,8 @@ def test_a_system_of_another_diagram_is_refused():
         InputError, match=r"^position_controller is already part of another diagram; create a new object"
     ):
         build_tracking_diagram(scenario, position_controller=controller)
+
+
+def test_further_outputs_of_a_control_may_stand_before_its_wrench(diagrams):
+    control = WithPorts(INPUT_SIZES, {"error": 2, "wrench": 4})
+    build_tracking_diagram(load_scenario(diagrams / "hover.yaml"), control=control)

@@ -117,7 +117,9 @@ def test_outputs_of_the_position_controller_are_outputs_of_the_cascade():
     pd = ProportionalDerivative(parameters=GAINS)
     assert port_names(cascade("none")) == (["measurement", "reference"], common_outputs + pd_outputs)
     network = build_fuzzy_network(rules=FuzzyRules(adaptive=True), learning=WeightLearning(), sets=SetLearning())
-    estimator_numbers = EstimatorParameters((IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0)
+    estimator_numbers = EstimatorParameters(
+        (IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0, PerAxis(0.0, 0.0, 0.0)
+    )
     corrected = build_position_controller(
         pd, disturbance=DisturbanceEstimator(parameters=estimator_numbers), takes_correction=True
     )

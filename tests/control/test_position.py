@@ -79,7 +79,9 @@ def test_the_position_controller_agrees_for_fleets_and_single_vehicles():
 def test_the_estimator_models_the_command_plus_the_correction():
     """Otherwise, the estimator would also estimate the part of the disturbance that the correction compensates."""
     lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
-    estimator = DisturbanceEstimator(parameters=EstimatorParameters((IncrementalLaw(5.0),) * 3, lags, 10.0))
+    estimator = DisturbanceEstimator(
+        parameters=EstimatorParameters((IncrementalLaw(5.0),) * 3, lags, 10.0, PerAxis(0.0, 0.0, 0.0))
+    )
     pd = ProportionalDerivative(parameters=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
     diagram = build_position_controller(pd, disturbance=estimator, takes_correction=True)
     simulator = Simulator(diagram)

@@ -14,12 +14,13 @@ from drake_quad.control.disturbance.tilt import (
     next_tilt_states,
     tilted_acceleration,
 )
+from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, State
 
 H = 0.02  # s, control tick
 G = 9.79  # m/s²
 LAWS = (IncrementalLaw(1e6),) * 3  # bandwidth of 1e6 rad/s, so that the estimate follows the measurement without a lag
-PARAMETERS = TiltEstimatorParameters(laws=LAWS, lag=0.06, gravity=G, limit=50.0)
+PARAMETERS = TiltEstimatorParameters(laws=LAWS, lag=0.06, gravity=G, limit=50.0, start=PerAxis(0.0, 0.0, 0.0))
 NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)  # m/s²
 
 

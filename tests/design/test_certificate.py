@@ -181,3 +181,9 @@ def test_a_network_that_learns_cannot_be_certified(diagrams):
     learning = load_scenario("hover", [UNCERTAIN_LAG], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     with pytest.raises(InputError, match="has poles at 1 in hover"):
         certify_hover(learning)
+
+
+def test_the_range_of_a_normal_distribution_without_a_limit_ends_three_deviations_from_its_mean():
+    mass = {"normal": {"mean": 0.7, "standard_deviation": 0.01, "min": 0.66}}
+    (one,), _, _ = parameters_in_hover(load_scenario("hover", {"vehicle": {"mass": mass}}))
+    assert (one.low, one.high) == pytest.approx((0.66, 0.73))

@@ -23,9 +23,16 @@ from drake_quad.estimation.corrections import (
     VelocityAiding,
     YawAiding,
 )
-from drake_quad.estimation.covariance import Covariance, InertialNoise, propagate
+from drake_quad.estimation.covariance import (
+    Covariance,
+    Gate,
+    InertialNoise,
+    ScalarMeasurement,
+    corrected_error,
+    propagate,
+)
 from drake_quad.estimation.error_state_filter import Aiding, AidingParameters, ErrorStateKalmanFilter, FilterParameters
-from drake_quad.estimation.estimate import NO_INCREMENT, Estimate, extend_increment, predict, state_of
+from drake_quad.estimation.estimate import NO_INCREMENT, ErrorState, Estimate, extend_increment, predict, state_of
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import BodyRates, EstimateDeviation
@@ -470,6 +477,31 @@ def test_readings_are_used_again_after_too_many_rejections():
     assert abs(positions[-1] - 2.0) < 1e-2
     assert np.abs(system.GetOutputPort("measurement").Eval(context)[3:6]).max() < 0.05  # the attitude stays level
     assert system.get_state(context, "counters").rejections == (0.0,)
+
+
+def test_a_reset_adds_the_variance_of_a_velocity_that_explains_the_jump():
+    """The position jumps by 2 m, and the tenth rejected reading comes 0.4 s after the last accepted one."""
+    system = make_filter(Aiding("position", "position", 4), limit=25.0)
+    context = system.CreateDefaultContext()
+    at_rest = {"gyroscope": [[0.0, 0.0, 0.0]], "accelerometer": [[0.0, 0.0, GRAVITY]]}
+    for _ in range(200):
+        advance(system, context, {**at_rest, "position": np.zeros((1, 3))})
+    deviations = []
+    for _ in range(48):
+        advance(system, context, {**at_rest, "position": [[2.0, 0.0, 0.0]]})
+        deviations.append(system.GetOutputPort("estimate_deviation").Eval(context)[3:5])
+    x, y = np.transpose(deviations)
+    assert abs(x.max() - 2.0 / 0.4) < 0.2
+    assert y.max() < 0.5
+
+
+def test_resets_of_the_velocity_leave_the_variance_of_the_position():
+    derivatives = ErrorState(None, Vector(1.0, None, None), None, None, None)
+    measurement = ScalarMeasurement(9.0, derivatives, 0.1, "velocity")
+    before = Covariance.diagonal(INITIAL)
+    _, after, _ = corrected_error(before, [measurement], Gate(25.0, True, 0.5))
+    others = [i for i in range(len(INITIAL)) if i != 3]
+    np.testing.assert_allclose(np.array(after.deviations())[others], np.array(INITIAL)[others], rtol=1e-12)
 
 
 def test_a_missing_reading_corrects_nothing():

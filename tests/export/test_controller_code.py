@@ -199,6 +199,7 @@ def test_the_opening_comment_names_scenario_version_and_licence(tmp_path):
         assert "Controller of the scenario hover, exported by drake_quad" in opening
         assert export.description.scenario_sha256 in opening
         assert "BSD 3-Clause" in opening
+        assert re.search(rf"state\s+\*? ?takes\s.*{8 * export.description.num_states + 4} bytes", opening, re.DOTALL)
 
 
 def test_a_controller_without_formulas_is_refused_with_the_reason(tmp_path):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, Gain, ZeroOrderHold
+from pydrake.systems.primitives import Adder, Gain, TrajectorySource, ZeroOrderHold
+from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad import InputError
 from drake_quad.export.diagram_code import diagram_code
@@ -126,3 +127,12 @@ def test_formulas_may_return_a_record_or_a_row_and_have_the_same_name_as_a_varia
     for expected in (2.0, 8.0, 14.0):
         library.own_step(state, None, None, outputs.ctypes.data_as(ctypes.c_void_p))
         assert outputs[0] == expected
+
+
+def test_a_system_whose_output_is_a_given_trajectory_is_refused():
+    builder = DiagramBuilder()
+    path = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], [[0.0, 1.0]])
+    total = append(builder, "total", Adder(2, 1), *[append(builder, "given", TrajectorySource(path))] * 2)
+    builder.ExportOutput(append(builder, "held", ZeroOrderHold(0.01, 1), total), "total")
+    with pytest.raises(InputError, match="given cannot be exported: its output is a given trajectory over time"):
+        diagram_code(build(builder, "own"), name="own", outputs=["total"], output_period=0.02, precision=DOUBLE)

@@ -29,6 +29,7 @@ from drake_quad.exported.machines import (
     has_cross_compiler,
 )
 from drake_quad.exported.system import ExportedController, exported_controller
+from drake_quad.scenario.layouts import rotors_of
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
@@ -230,3 +231,16 @@ def test_programs_that_an_emulated_board_needs_are_reported_with_their_package(f
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InputError, match="needs arm-none-eabi-gcc, .* install the package gcc-arm-none-eabi$"):
         EmulatedBoard(folder, "cortex-m4f")
+
+
+def test_every_output_has_its_own_rows(tmp_path):
+    export_controller(load_scenario("hover"), tmp_path, mixer=True)
+    system = exported_controller(tmp_path)(num_vehicles=2)
+    context = system.CreateDefaultContext()
+    rng = np.random.default_rng(4)
+    for index in range(system.num_input_ports()):
+        port = system.get_input_port(index)
+        port.FixValue(context, rng.normal(scale=0.05, size=port.size()))
+    wrench, speeds = (system.GetOutputPort(name).Eval(context).reshape(4, 2) for name in system.description.outputs)
+    rotors = rotors_of(load_scenario("hover").nominal)
+    np.testing.assert_allclose(np.array(rotors.thrust_factors) @ speeds**2, wrench[0], rtol=1e-12)

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import load_scenario, register_controller
-from drake_quad.fleets.fleet_simulation import simulate_fleet
+from drake_quad.fleets.fleet_simulation import fly, simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.scenario.batch import Batch
 
@@ -126,3 +126,35 @@ def test_a_registered_controller_that_cannot_be_compiled_flies_in_a_compiled_fle
     np.testing.assert_allclose(compiled, uncompiled, rtol=1e-9, atol=1e-12)
     # The vehicle accelerates upwards as commanded, after the delays of the loop and the lag of the rotors.
     assert 0.25 * 0.5 < uncompiled[-1, 8] < 0.4 * 0.5
+
+
+@pytest.mark.parametrize("jump", [0.25, 1.75])
+def test_one_integration_step_ends_just_before_a_jump_of_the_forces_and_the_next_one_at_the_jump(jump):
+    class Recorder:
+        """Simulator that records the times to which it is advanced."""
+
+        def __init__(self):
+            self.times = []
+
+        def get_system(self):
+            return self
+
+        def get_context(self):
+            return None
+
+        def GetOutputPort(self, name):
+            return self
+
+        def Eval(self, context):
+            return np.zeros(1)
+
+        def AdvanceTo(self, time):
+            self.times.append(time)
+
+        def AdvancePendingEvents(self):
+            pass
+
+    recorder = Recorder()
+    fly(recorder, 2.0, check_interval=1.0, jumps=[jump])
+    assert np.nextafter(jump, 0.0) in recorder.times
+    assert recorder.times.index(jump) == recorder.times.index(np.nextafter(jump, 0.0)) + 1

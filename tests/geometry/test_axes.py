@@ -73,3 +73,8 @@ def test_the_rotation_to_another_attitude_is_the_shortest_one(first, second, sig
     other = Quaternion(*(sign * part for part in Quaternion.of(*second)))
     expected = (rotation(first).inv() * rotation(second)).as_rotvec()
     np.testing.assert_allclose(Quaternion.of(*first).relative_rotation_vector(other), expected, atol=1e-13)
+
+
+def test_rounding_errors_of_the_length_of_a_quaternion_are_removed():
+    unit = quaternion(Rotation.from_rotvec([0.3, -0.8, 0.5]))
+    np.testing.assert_allclose(Quaternion(*[1.0001 * each for each in unit]).normalised(), unit, atol=1e-7)

@@ -34,3 +34,7 @@ def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
 
 def test_a_tracking_reward_accepts_a_length_below_one_metre():
     assert TrackingReward(length=0.01)(step(error=0.01)) == pytest.approx(np.exp(-1.0))
+
+
+def test_rewards_with_metrics_can_be_elements_of_sets():
+    assert len({TrackingReward(metrics={"peak_error": 1.0}), TrackingReward(metrics={"peak_error": 1.0})}) == 1

@@ -443,3 +443,9 @@ def test_the_gains_of_a_real_flight_are_those_of_its_firmware(root):
     position = control_layer(law)["control"]["position"]
     assert (position["kind"], position["derivative"]) == ("pid", "tracking_error")
     assert position["feed_forward"] == "acceleration"
+
+
+def test_lists_of_a_written_controller_are_on_one_line(tmp_path):
+    path = tmp_path / "controller.yaml"
+    write_controller({"controller": {"control": {"k_p": [1.0, 2.0, 3.0]}}}, law_of(position=1.0), path, "a command")
+    assert "k_p: [1.0, 2.0, 3.0]" in path.read_text(encoding="utf-8")

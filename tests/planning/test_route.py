@@ -1,6 +1,7 @@
 """Tests of route plans: constraints, yaw, rotor limits, duration and saved trajectories."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -273,3 +274,14 @@ def test_yaw_rate_along_a_path_includes_the_rate_of_its_direction():
     # For a small tilt, the body rate r is nearly the yaw rate.
     (yaw_rate,) = evaluate(plan.extended_yaw, sample_times(plan), 1)
     np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())
+
+
+def test_a_metric_window_must_begin_before_the_end_of_the_flight(diagrams):
+    route = "route={kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4.0, laps: 3}"
+    for window, words in (
+        ("metrics={first_lap: 3}", "metrics.first_lap is 3, but this lap starts at 8 s and must start before the end"),
+        ("metrics={start: 6}", "metrics.start is 6 s, but must be before the end of the flight at 6 s"),
+    ):
+        scenario = load_scenario(diagrams / "hover.yaml", [route, "duration=6", window])
+        with pytest.raises(InputError, match=re.escape(words)):
+            flight_duration(scenario, plan_route(scenario))

@@ -140,6 +140,10 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("  vehicle: {layout: {kind: x, length: 1}}", "must have width and length, or neither of them"),
         ("  vehicle: {layout: {kind: pluss}}", "6: vehicle.layout.kind is 'pluss', .*; did you mean plus[?]"),
         ("  laboratory: {wind: [{kind: stedy}]}", "6: laboratory.wind.0.kind is 'stedy', .*; did you mean steady[?]"),
+        (
+            "  laboratory: {wind: [{kind: [steady]}]}",
+            "6: laboratory.wind.0.kind is .*, but must be one of .*'steady'; did you mean steady[?]$",
+        ),
         ("  laboratory: {wind: [{kind: 3}]}", "6: laboratory.wind.0.kind is 3, but must be one of .*'steady'$"),
         ("  laboratory: {allocation: {priority: thrus}}", "priority is 'thrus', .*; did you mean thrust[?]"),
         ("  vehicle:\n    inertia: [1, 2]", r"7: vehicle.inertia.2 is missing"),

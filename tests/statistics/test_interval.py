@@ -65,6 +65,7 @@ def test_comparisons_on_the_unbounded_side_of_an_interval_are_undecided():
         (Interval(0.95, 0.9, 0.9996).percent(), "95.00 % [90.00, 99.96]"),
         # Some estimates have no interval, and some have an unbounded interval.
         (Interval(0.5, math.nan, math.nan).percent(), "50.0 %"),
+        (Interval(123456.0, math.nan, math.nan).text(), "123456"),
         (Interval(0.5, 0.0, math.inf).percent(), "50 % [0, ∞]"),
         (Interval(0.5, -math.inf, math.inf).text(), "0.500 [-∞, ∞]"),
         (Interval(0.5, -math.inf, 0.7).text(), "0.50 [-∞, 0.70]"),

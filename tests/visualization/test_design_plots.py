@@ -457,3 +457,14 @@ def test_many_obstacles_are_one_silhouette_from_the_side():
         assert len(side.patches) == patches_from_the_side
         assert len(above.patches) == 2 * count
     assert {patch.get_alpha() or patch.get_facecolor() for patch in side.patches} == {(0.88, 0.88, 0.88, 1.0)}
+
+
+def test_profiles_show_the_whole_curve_and_the_limit(planned):
+    def top_and_data(limit):
+        speed = plan_plots.plot_plan(*planned, limits=PathLimits(speed=limit)).axes[3]
+        return speed.get_ylim()[1], float(speed.lines[0].get_ydata().max())
+
+    top, largest = top_and_data(0.1)
+    assert top == pytest.approx(1.12 * largest)
+    top, largest = top_and_data(9.0)
+    assert top == pytest.approx(1.12 * 9.0)

@@ -395,6 +395,7 @@ def test_a_uniform_wind_is_drawn_as_arrows_with_its_speed_and_direction(velocity
     np.testing.assert_array_equal(np.unique(arrows.V), along[plane[1]])
     state = flight.record("state")
     np.testing.assert_array_equal(curve(path, "flown"), [getattr(state, axis) for axis in plane])
+    assert path.get_title(loc="left") == ("From above" if plane == "xy" else "From the side")
     assert series.get_title(loc="left") == "At the vehicle"
 
 

@@ -269,6 +269,8 @@ def test_a_tube_follows_its_points():
     # The points of a tube may also go straight up, or be equal.
     up, _ = tube(np.column_stack([np.zeros(5), np.zeros(5), np.arange(5.0)]), 0.05)
     np.testing.assert_allclose(np.hypot(*up[:2]), 0.05)
+    down, _ = tube(np.column_stack([np.zeros(5), np.zeros(5), -np.arange(5.0)]), 0.05)
+    np.testing.assert_allclose(np.hypot(*down[:2]), 0.05)
     assert np.isfinite(tube(np.zeros((5, 3)), 0.05)[0]).all()
 
 

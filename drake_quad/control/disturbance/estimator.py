@@ -23,7 +23,7 @@ class EstimatorParameters(NamedTuple):
     laws: tuple[Any, ...]
     lags: tuple[AxisCommand, ...]
     limit: Annotated[Row, Quantity("m/s²")]
-    start: PerAxis = PerAxis(0.0, 0.0, 0.0)
+    start: PerAxis
 
 
 ZERO_COMMANDS = (AxisCommand(0.0, 0.0),) * 3

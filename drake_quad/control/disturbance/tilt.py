@@ -29,7 +29,7 @@ class TiltEstimatorParameters(NamedTuple):
     lag: Time
     gravity: _Specific
     limit: _Specific
-    start: PerAxis = PerAxis(0.0, 0.0, 0.0)
+    start: PerAxis
 
 
 class KnownAccelerations(NamedTuple):

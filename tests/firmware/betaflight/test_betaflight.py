@@ -280,3 +280,13 @@ def test_a_killed_flight_leaves_no_process():
             break
         threading.Event().wait(0.02)
     assert not Path(f"/proc/{pid}").exists()
+
+
+def test_commanded_rates_do_not_depend_on_the_rates_of_the_sticks():
+    def pitch(*settings):
+        flight = simulate(scenario(mode="acro", settings=settings), control=AttitudeStep(pitch=0.2), until=1.0)
+        return flight.record("state").pitch
+
+    unequal = pitch("set roll_srate = 30", "set pitch_srate = 85")
+    assert unequal.max() > 0.15
+    np.testing.assert_allclose(unequal, pitch("set roll_srate = 85", "set pitch_srate = 30"), atol=0.02)

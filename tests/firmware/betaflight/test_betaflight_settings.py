@@ -114,3 +114,23 @@ def test_a_misspelt_command_is_refused():
         InputError, match="'sett d_roll = 20' begins with no command of a Betaflight diff; did you mean set"
     ):
         module._affects_flight("sett d_roll = 20")
+
+
+def test_the_firmware_is_stopped_after_its_throttle_curve_is_measured(monkeypatch):
+    class Firmware:
+        """Firmware whose motors follow the throttle stick."""
+
+        channels = [1500.0] * 16
+        is_closed = False
+
+        def run(self, time):
+            return [0.001 * (self.channels[module.THROTTLE] - 900.0)] * 4
+
+        def close(self):
+            self.is_closed = True
+
+    firmware = Firmware()
+    monkeypatch.setattr(module, "armed", lambda *_, **__: firmware)
+    commands = module._motor_commands(b"", None)
+    assert commands[0] < commands[-1]
+    assert firmware.is_closed

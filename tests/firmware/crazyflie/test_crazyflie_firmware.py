@@ -1,7 +1,10 @@
 """Flights with the Crazyflie's firmware, or with a stand-in for its Python bindings if they are not installed."""
 
+import importlib
 import importlib.util
+import socket
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 from drake_quad import load_scenario, simulate, simulate_samples
 from drake_quad.errors import InputError
 from drake_quad.firmware.controller import FirmwareError
+from drake_quad.firmware.crazyflie import server
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="firmware flies only on Linux")
 STUB = Path(__file__).parent / "stub"
@@ -82,3 +86,32 @@ def test_bindings_that_fail_end_the_flight_with_their_last_output(tmp_path, monk
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(FirmwareError, match="firmware ended with status 1; its last output was: OSError: wrong arch"):
         simulate(scenario())
+
+
+def test_angles_and_rates_reach_the_controller_in_degrees_and_in_its_axes(monkeypatch):
+    monkeypatch.syspath_prepend(str(STUB))
+    bindings, seen = importlib.import_module("cffirmware"), []
+
+    def controller(control, setpoint, sensors, state, tick):
+        attitude, gyro, acc = (vars(each).copy() for each in (state.attitude, sensors.gyro, sensors.acc))
+        seen.append((attitude, gyro, acc, vars(setpoint.attitude).copy(), setpoint.attitudeRate.yaw, tick))
+
+    monkeypatch.setattr(bindings, "controllerPid", controller)
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    monkeypatch.setenv("LOCKSTEP_SOCKET", str(there.detach()))
+    program = threading.Thread(target=server.main)
+    program.start()
+    with here:
+        here.settimeout(10.0)
+        numbers = np.radians([1, 2, 3, 0, 0, 0, 10, 20, 30, 4, 5, 6, 0])
+        numbers[3:6], numbers[12] = [9.81, 19.62, 29.43], 0.5
+        here.recv(server.REPLY.size)
+        here.send(server.REQUEST.pack(2, False, *numbers))
+        here.recv(server.REPLY.size)
+    program.join(10.0)
+    attitude, gyro, acc, wanted, turn, tick = seen[-1]
+    assert attitude == pytest.approx({"roll": 10.0, "pitch": -20.0, "yaw": 30.0})
+    assert gyro == pytest.approx({"x": 1.0, "y": 2.0, "z": 3.0})
+    assert acc == pytest.approx({"x": 1.0, "y": 2.0, "z": 3.0})
+    assert (wanted["roll"], wanted["pitch"], turn) == pytest.approx((4.0, -5.0, 6.0))
+    assert tick == len(seen) == 2

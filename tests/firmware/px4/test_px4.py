@@ -196,3 +196,10 @@ def test_the_shipped_parameters_are_the_defaults(diagrams):
     lines = [line for line in (diagrams / "firmware" / "px4.env").read_text().splitlines() if not line.startswith("#")]
     assert read(*lines) == DEFAULT_PARAMETERS
     assert DEFAULT_PARAMETERS.keys() <= {fields_of(line)[0] for line in lines}
+
+
+def test_bytes_that_are_no_message_are_skipped():
+    messages, px4 = Px4Messages(seed=0), common.MAVLink(None, srcSystem=1, srcComponent=1)
+    controls = px4.hil_actuator_controls_encode(7, [0.25] * 16, 0, 0).pack(px4)
+    damaged = controls[:-1] + bytes([controls[-1] ^ 0xFF])
+    assert messages.motors(b"\x00garbage" + damaged + controls) == [(7, (0.25,) * 4)]
