@@ -300,11 +300,11 @@ def print_estimates(identification: Identification) -> None:
         print(f"not identified: {', '.join(names)}: {why}")
     for sentence in identification.remarks:
         remark(sentence)
-    weak = len(estimates.names) - len(estimates.identified)
-    if 2 * weak > len(estimates.names):
+    total = len({*estimates.names, *estimates.not_identified})
+    if 2 * len(estimates.identified) < total:
         remark(
-            f"the logs identify only {len(estimates.identified)} of {len(estimates.names)} parameters; the others have"
-            " wide distributions in the file, which include model errors; use the initial vehicle instead"
+            f"the logs identify only {len(estimates.identified)} of {total} parameters; the others keep the values"
+            " of the initial vehicle"
         )
 
 

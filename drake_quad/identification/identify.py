@@ -9,12 +9,15 @@ measurements may come from an accelerometer, from motion capture, or from a heig
 outputs that are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these outputs may
 determine (`drake_quad.identification.parameters`).
 
-A parameter whose posterior is not much narrower than its prior is reported as not identified. Such a parameter is still
-fitted, so its uncertainty widens the intervals of the parameters with which it is correlated.
+A parameter whose posterior is not much narrower than its prior is not identified and keeps its initial value. It is
+fitted nevertheless, so that its uncertainty widens the intervals of the parameters with which it is correlated. All
+others are then fitted again with its initial value. Only coefficients of the thrust curve keep their estimates: the
+curve is often known in the range of the flight although its coefficients are not.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -59,6 +62,22 @@ _MIN_POSE_NOISE = 2.0 * MIN_NOISE  # m or rad; a smaller estimate is affected by
 _NOISE_NAMES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
 
 
+class _Training(NamedTuple):
+    """Fit to the training data.
+
+    Attributes:
+        masks: (n,) mask of the usable samples of each record that are not held out.
+        parameters: fitted parameters.
+        fitted: result of the fit.
+        forecasts: forecasts of the held-out flight.
+    """
+
+    masks: list[np.ndarray]
+    parameters: list[Parameter]
+    fitted: PredictionFit
+    forecasts: tuple[ForecastOutput, ...]
+
+
 def identify(
     records: Sequence[FlightRecord], scenario: Scenario, *, held_out_fraction: float = 1.0 / 3.0
 ) -> Identification:
@@ -99,22 +118,17 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
         delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
         max_delay=MAX_DELAY,
     )
-    noise, start, training_vehicle = initial_noise(logs.outputs), None, None
-    forecasts: tuple[ForecastOutput, ...] = ()
+    noise, start, training = initial_noise(logs.outputs), None, None
     if fraction > 0.0:
         held_out_masks = [held_out_mask(usable, fraction) for usable in logs.flying]
         training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
-        training = fit(logs.predictor(parameter_names(parameters), training_masks), parameters, noise)
+        training_fit = fit(logs.predictor(parameter_names(parameters), training_masks), parameters, noise)
+        start, noise = training_fit.values, training_fit.noise
         forecasts = forecast(
-            logs.predictor(parameter_names(parameters), held_out_masks, for_forecast=True),
-            training.values,
-            training.noise,
+            logs.predictor(parameter_names(parameters), held_out_masks, for_forecast=True), start, noise
         )
         check_forecast(forecasts)
-        start, noise = training.values, training.noise
-        training_vehicle = _vehicle(
-            logs, scenario, dict(zip(parameter_names(parameters), map(float, start), strict=True))
-        )
+        training = _Training(training_masks, parameters, training_fit, forecasts)
     predictor = logs.predictor(parameter_names(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     check_thrust(logs.scenario, fitted.noise)
@@ -122,12 +136,31 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
         logs, parameters, fitted
     )
     if fixed:
-        free = [i for i, parameter in enumerate(parameters) if parameter.name not in fixed]
-        parameters = [parameters[i] for i in free]
+        fitted = _fit_of_others(logs, logs.flying, parameters, fitted, fixed)
+        parameters = [parameter for parameter in parameters if parameter.name not in fixed]
         predictor = logs.predictor(parameter_names(parameters), logs.flying)
-        fitted = fit(predictor, parameters, fitted.noise, fitted.values[free])
-    identification = _result(logs, scenario, predictor, parameters, fitted, forecasts, fixed)
-    return replace(identification, training_vehicle=training_vehicle)
+    return _result(logs, scenario, predictor, parameters, fitted, training, fixed)
+
+
+def _fit_of_others(
+    logs: PreparedLogs,
+    masks: Sequence[np.ndarray],
+    parameters: Sequence[Parameter],
+    fitted: PredictionFit,
+    held: Collection[str],
+) -> PredictionFit:
+    """Return the fit of all parameters except those that are held at their initial values.
+
+    Args:
+        logs: logs that are fitted.
+        masks: (n,) mask of the fitted samples of each record.
+        parameters: parameters of the previous fit.
+        fitted: previous fit.
+        held: names of parameters that are held. They may also have been held in the previous fit.
+    """
+    others = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
+    kept = [parameters[i] for i in others]
+    return fit(logs.predictor(parameter_names(kept), masks), kept, fitted.noise, fitted.values[others])
 
 
 def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -> Scenario:
@@ -149,7 +182,7 @@ def _result(
     predictor: Predictor,
     parameters: Sequence[Parameter],
     fitted: PredictionFit,
-    forecasts: Sequence[ForecastOutput],
+    training: _Training | None,
     fixed: dict[str, str],
 ) -> Identification:
     """Return the result of a fit.
@@ -160,7 +193,7 @@ def _result(
         predictor: predictor of the outputs in all windows.
         parameters: parameters that were fitted.
         fitted: result of the fit.
-        forecasts: forecasts of held-out flight; empty if nothing was held out.
+        training: fit to the training data; None if nothing was held out.
         fixed: reason for each parameter that was fixed at its initial value, by name.
     """
     names = parameter_names(parameters)
@@ -178,6 +211,18 @@ def _result(
             "cannot identify the vehicle: the logs determine none of its parameters: "
             + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         )
+    forecasts = () if training is None else training.forecasts
+    explained = _explained(parameters, fitted, predictor, forecasts) if forecasts else {}
+    held = {name for name in unidentified if name != DELAY and not name.startswith("motors.curve")}
+    training_vehicle = None if training is None else _training_vehicle(logs, scenario, training, held | {*fixed})
+    if held:
+        fitted = _fit_of_others(logs, logs.flying, parameters, fitted, held)
+        parameters = [parameter for parameter in parameters if parameter.name not in held]
+        predictor = logs.predictor(parameter_names(parameters), logs.flying)
+        indices = [i for i, name in enumerate(names) if name not in held]
+        uncertainty = uncertainty.subset(indices)
+        variation = None if variation is None else variation.subset(indices)
+        names = parameter_names(parameters)
     vehicle_indices = [i for i, name in enumerate(names) if name != DELAY]
     noise_names, noise_values, noise_covariances, unidentified_noise = _noise_estimates(logs, predictor, fitted)
     noise_freedom = np.full(len(noise_names), float(fitted.errors.size))
@@ -192,7 +237,7 @@ def _result(
             f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
-        explained_variance=_explained(parameters, fitted, predictor, forecasts) if forecasts else {},
+        explained_variance={name: each for name, each in explained.items() if name not in held},
         not_identified=undetermined_parameters(logs.scenario, names)
         | fixed
         | unidentified_noise
@@ -221,8 +266,25 @@ def _result(
     result_delay = None if DELAY in unidentified else delay
     vehicle = _vehicle(logs, scenario, numbers)
     return Identification(
-        estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), coverage, flights=differences
+        estimates,
+        vehicle,
+        outputs,
+        result_delay,
+        fitted.noise,
+        tuple(remarks),
+        coverage,
+        training_vehicle=training_vehicle,
+        flights=differences,
     )
+
+
+def _training_vehicle(logs: PreparedLogs, scenario: Scenario, training: _Training, held: set[str]) -> Scenario:
+    """Return the scenario with the estimates from the training data, except for the parameters that are held."""
+    fitted = training.fitted
+    if held:
+        fitted = _fit_of_others(logs, training.masks, training.parameters, fitted, held)
+    names = [parameter.name for parameter in training.parameters if parameter.name not in held]
+    return _vehicle(logs, scenario, dict(zip(names, map(float, fitted.values), strict=True)))
 
 
 def _noise_estimates(

@@ -205,7 +205,13 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, forec
     names = parameter_names(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
-    result = module._result(logs, scenario, predictor, parameters, fitted, forecast_outputs, reasons or {})
+
+    def fit_of_others(predictor, parameters, noise, start):
+        return fitted_to(predictor, parameters)._replace(values=start, noise=noise)
+
+    monkeypatch.setattr(module, "fit", fit_of_others)
+    training = module._Training(logs.flying, parameters, fitted, forecast_outputs) if forecast_outputs else None
+    result = module._result(logs, scenario, predictor, parameters, fitted, training, reasons or {})
     return result, fitted, predictor, parameters
 
 
@@ -246,7 +252,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_exclude_the_delay(monkeyp
 
 @pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
 def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, weak):
-    """The parameter stays among the estimates.
+    """The parameter keeps its initial value.
 
     An unidentified delay causes a remark, and leaves the command link unchanged.
     """
@@ -256,6 +262,7 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
         jacobian[:, :, names.index(weak)] = 0.0
         values = fitted.values.copy()
         values[names.index(DELAY)] = 0.1
+        values[names.index("inertia[2]")] *= 3.0
         return fitted._replace(jacobian=jacobian, values=values)
 
     result, *_ = result_of(rotors, monkeypatch, change=without)
@@ -267,7 +274,8 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
         assert total_delay(result.vehicle) == total_delay(rotors)
     else:
         assert result.estimates.not_identified[weak].startswith("its 95 % interval is")
-        assert weak in result.estimates.names
+        assert weak not in result.estimates.names
+        assert result.vehicle.vehicle.inertia == rotors.vehicle.inertia
         assert total_delay(result.vehicle) == pytest.approx(0.1)
 
 
@@ -309,8 +317,10 @@ def test_all_reasons_why_parameters_are_not_identified_are_reported(monkeypatch,
 
 def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch, rotors):
     monkeypatch.setattr(module, "distorted_parameters", lambda *_: {"inertia[0]": "commands are missing"})
-    result, *_ = result_of(rotors, monkeypatch)
+    result, *_ = result_of(rotors, monkeypatch, forecast_outputs=forecast_of(0.7))
     assert result.estimates.not_identified["inertia[0]"] == "commands are missing"
+    for vehicle in (result.vehicle, result.training_vehicle):
+        assert vehicle.vehicle.inertia[0] == rotors.vehicle.inertia[0]
 
 
 def test_a_parameter_is_listed_with_the_explained_variance_of_its_most_sensitive_output():
