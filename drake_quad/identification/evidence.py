@@ -22,7 +22,6 @@ By chance, all blocks may give nearly the same estimate. A confidence interval i
 interval for a correct model, which follows from the normal distribution with the covariance H⁻¹.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,11 +46,6 @@ class Uncertainty(NamedTuple):
     covariance: np.ndarray
     degrees_of_freedom: np.ndarray
     model_covariance: np.ndarray
-
-    def subset(self, indices: Sequence[int]) -> "Uncertainty":
-        """Return the uncertainty of some parameters, given their indices."""
-        square = np.ix_(indices, indices)
-        return Uncertainty(self.covariance[square], self.degrees_of_freedom[indices], self.model_covariance[square])
 
 
 class Evidence(NamedTuple):

@@ -16,6 +16,8 @@ from drake_quad.identification.physical_limits import SearchVariables
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.prepared_logs import PreparedLogs
 from drake_quad.identification.result import ForecastOutput
+from drake_quad.logs.consistency import inconsistencies
+from drake_quad.logs.record import FlightRecord
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import plus_minus
 
@@ -25,7 +27,36 @@ _MAX_RELATIVE_HALF_WIDTH = 1.0
 # 0.03.
 _MAX_VERTICAL_FORCE_RATIO = 0.15
 _FORCE_WINDOW = 0.5  # s, duration over which the disturbing force is averaged
+_MEASUREMENTS = {"position", "velocity", "attitude", "body_rates", "specific_force"}
+# Signal, its derivative, and the smallest derivative (SI units) with which the signal cannot be constant.
+_DERIVATIVES = ("position", "velocity", 0.05), ("attitude", "body_rates", 0.05)
+_RESOLUTION = 1e-9  # m or rad; a signal that varies less is constant
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
+
+
+def check_signals(records: Sequence[FlightRecord]) -> None:
+    """Reject records whose measured signals contradict each other.
+
+    Raises:
+        InputError: if a measurement has a wrong sign, unit or frame, contradicts another one, or is constant although
+            its derivative is not zero.
+    """
+    for record in records:
+        for name, rate, threshold in _DERIVATIVES:
+            values, rates = getattr(record, name), getattr(record, rate)
+            if values is None or rates is None:
+                continue
+            if np.all(np.ptp(values, axis=0) < _RESOLUTION) and np.sqrt(np.mean(rates**2, axis=0)).max() > threshold:
+                raise InputError(
+                    f"cannot identify the vehicle: in {record.name}, {name} is constant although {rate} is not zero;"
+                    " correct the mapping of the log"
+                )
+        for each in inconsistencies(dict(record.signals()), record.time):
+            if not _MEASUREMENTS.isdisjoint(each.faulty):
+                raise InputError(
+                    f"cannot identify the vehicle: in {record.name}, {each.text}; correct the mapping of the log, or"
+                    " remove the wrong signal from it"
+                )
 
 
 def check_forecast(forecasts: Sequence[ForecastOutput]) -> None:

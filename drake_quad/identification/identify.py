@@ -10,9 +10,9 @@ outputs that are predicted (`drake_quad.identification.prepared_logs`) and in th
 determine (`drake_quad.identification.parameters`).
 
 A parameter whose posterior is not much narrower than its prior is not identified and keeps its initial value. It is
-fitted nevertheless, so that its uncertainty widens the intervals of the parameters with which it is correlated. All
-others are then fitted again with its initial value. Only coefficients of the thrust curve keep their estimates: the
-curve is often known in the range of the flight although its coefficients are not.
+fitted nevertheless, so that its uncertainty widens the intervals of the parameters with which it is correlated. The
+resulting vehicle is the fit of all others, given its initial value. Only coefficients of the thrust curve keep their
+estimates: the curve is often known in the range of the flight although its coefficients are not.
 """
 
 from collections.abc import Collection, Sequence
@@ -30,6 +30,7 @@ from drake_quad.identification.flight_differences import flight_differences, wit
 from drake_quad.identification.forecast import forecast
 from drake_quad.identification.identifiability import (
     check_forecast,
+    check_signals,
     check_thrust,
     imprecise_parameters,
     parameters_below_disturbance,
@@ -90,11 +91,12 @@ def identify(
         held_out_fraction: fraction of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
-        InputError: if no log is given, a log lacks a signal, the flights are too short, or the logged values are
-            physically impossible.
+        InputError: if no log is given, a log lacks a signal, measured signals contradict each other, the
+            flights are too short, or the logged values are physically impossible.
     """
     if not records:
         raise InputError("no log is given; at least one is needed to identify a vehicle")
+    check_signals(records)
     logs = synchronise(records)
     try:
         identification = cached_on_disk(_identified, logs, scenario, held_out_fraction)
@@ -215,15 +217,7 @@ def _result(
     explained = _explained(parameters, fitted, predictor, forecasts) if forecasts else {}
     held = {name for name in unidentified if name != DELAY and not name.startswith("motors.curve")}
     training_vehicle = None if training is None else _training_vehicle(logs, scenario, training, held | {*fixed})
-    if held:
-        fitted = _fit_of_others(logs, logs.flying, parameters, fitted, held)
-        parameters = [parameter for parameter in parameters if parameter.name not in held]
-        predictor = logs.predictor(parameter_names(parameters), logs.flying)
-        indices = [i for i, name in enumerate(names) if name not in held]
-        uncertainty = uncertainty.subset(indices)
-        variation = None if variation is None else variation.subset(indices)
-        names = parameter_names(parameters)
-    vehicle_indices = [i for i, name in enumerate(names) if name != DELAY]
+    vehicle_indices = [i for i, name in enumerate(names) if name != DELAY and name not in held]
     noise_names, noise_values, noise_covariances, unidentified_noise = _noise_estimates(logs, predictor, fitted)
     noise_freedom = np.full(len(noise_names), float(fitted.errors.size))
     estimates = Estimates(
@@ -252,11 +246,15 @@ def _result(
     delay = EstimatedValue(
         float(fitted.values[delay_index]), deviation, "s", float(uncertainty.degrees_of_freedom[delay_index])
     )
-    numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
+    numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True)) | {DELAY: delay.value}
+    if held:
+        others = [name for name in names if name not in held]
+        numbers |= dict(
+            zip(others, map(float, _fit_of_others(logs, logs.flying, parameters, fitted, held).values), strict=True)
+        )
     if DELAY in unidentified:
         remarks.append(f"the delay is not identified: {unidentified[DELAY]}")
-    else:
-        numbers[DELAY] = delay.value
+        del numbers[DELAY]
     noise_deviations = map(float, fitted.noise.measured)
     outputs = tuple(
         output._replace(deviation=noise_deviation)

@@ -86,7 +86,7 @@ class Identification:
     Attributes:
         estimates: estimates of the parameters with their covariance, and the reason for each parameter that is not
             identified.
-        vehicle: initial scenario in which the estimates replace the initial values.
+        vehicle: initial scenario with the fit of the identified parameters, given the initial values of all others.
         outputs: forecasts and measurements of the held-out flight; empty if nothing was held out.
         delay: delay from a logged command to the logged measurement of its effect; None if it is not identified.
         noise: noise of the measurements and of the disturbance.

@@ -35,6 +35,7 @@ _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3  # largest number of faults that are reported
 # A fault is reported if its repair reduces a disagreement from d to less than (d - `_MIN_IMPROVEMENT`) / 2.
 _MIN_IMPROVEMENT = 0.4
+_TIE = 0.02  # if the repairs of two faults improve the agreement equally within this value, the first one is reported
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
 # in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_ERROR_RATIO`
@@ -56,6 +57,18 @@ _MIN_CONTRADICTION = 0.85
 _OPPOSITE_DISAGREEMENT = 1.2  # signals with a larger disagreement are opposite rather than independent
 _ROUNDING_ERROR = 1e-9  # a signal with a smaller amplitude, relative to the signal it is compared with, is constant
 _TINY = float(np.finfo(float).tiny)
+
+
+class Inconsistency(NamedTuple):
+    """Disagreement between signals.
+
+    Attributes:
+        text: remark on the disagreement.
+        faulty: names of the faulty signals; empty if the signals agree except for a time shift.
+    """
+
+    text: str
+    faulty: tuple[str, ...] = ()
 
 
 class _Pair(NamedTuple):
@@ -246,8 +259,8 @@ _SOURCES = {
 }
 
 
-def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
-    """Yield a remark on each disagreement between signals.
+def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[Inconsistency]:
+    """Yield each disagreement between signals.
 
     Args:
         signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of this library.
@@ -261,15 +274,17 @@ def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iter
         if worst is None:
             break
         fault, pair, axis = worst
-        yield f"{pair.name} disagrees with {pair.text(axis)}: {fault.text}"
+        yield Inconsistency(f"{pair.name} disagrees with {pair.text(axis)}: {fault.text}", fault.signals)
         grid = grid.repaired(fault)
     for exact_pair in (each for each in _pairs(grid).values() if each.is_exact):
         excited = exact_pair.excited(factor=2.0)
         if excited.any() and exact_pair.disagreement()[excited].min() > _MIN_CONTRADICTION:
-            yield f"{exact_pair.name} contradicts {exact_pair.text(int(np.argmax(excited)))}"
+            text = f"{exact_pair.name} contradicts {exact_pair.text(int(np.argmax(excited)))}"
+            yield Inconsistency(text, (exact_pair.name,))
         elif excited.any():
             centred_pair = exact_pair._replace(centred=True, threshold=min(exact_pair.threshold, _MIN_SHIFT_AMPLITUDE))
-            yield from _shift(centred_pair, grid.step, centred_pair.excited(factor=2.0))
+            for text in _shift(centred_pair, grid.step, centred_pair.excited(factor=2.0)):
+                yield Inconsistency(text)
 
 
 def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | None:
@@ -442,7 +457,7 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
                 is_gross or (fault.is_frame and _is_other_frame(pairs[compare], repaired))
             ):
                 max_change, candidate = float(change[axis]), (fault, pairs[compare], axis)
-        if candidate is not None and gain > best_gain:
+        if candidate is not None and gain > best_gain + (_TIE if best is not None else 0.0):
             best, best_gain = candidate, gain
     return best
 

@@ -188,7 +188,7 @@ def record_of(
                 for each in position_jumps(channel.time, channel.values)
             ),
             *implausible_signals(signals, time - time[0]),
-            *inconsistencies(signals, time),
+            *(each.text for each in inconsistencies(signals, time)),
             *_unread_remarks(
                 available - ({mapping.time.column} if mapping.time else set()),
                 {each for channel in used for each in channel.source.names},

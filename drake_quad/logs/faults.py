@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.errors import join_names
 from drake_quad.logs.attitudes import rotation_matrices
 
 GRAVITY = 9.81  # m/s²
@@ -93,6 +94,8 @@ _SWAPS = {
     (-1.0, 1.0, 1.0): "NWU was taken for ENU",
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
+# Signals along the axes of W, which a log usually contains in the same frame.
+_WORLD_SIGNALS = ("position", "velocity", "reference_position", "reference_velocity")
 # Descriptions of errors of the yaw, keyed by the angle (degrees) that corrects them.
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
 # For each signal, the wrong frame (body or world) in which a log may contain it.
@@ -117,7 +120,7 @@ def faults(signals: _Signals) -> Iterator[Fault]:
             yield Fault((signal,), text, _scaled(signal, np.array(signs)), len(wrong))
         for factor, description in _WRONG_UNITS[signal].items():
             yield Fault((signal,), f"{signal} looks as if {description}", _scaled(signal, factor))
-        if signal in ("position", "velocity", "reference_position", "reference_velocity"):
+        if signal in _WORLD_SIGNALS:
             for signs, description in _SWAPS.items():
                 yield Fault((signal,), f"{signal} looks as if {description}", _swapped(signal, np.array(signs)))
         if signal == "attitude":
@@ -128,11 +131,17 @@ def faults(signals: _Signals) -> Iterator[Fault]:
 
 def _common_faults(signals: _Signals) -> Iterator[Fault]:
     """Yield the possible faults whose repair needs the attitude, or changes several signals."""
+    groups = [tuple(name for name in group if name in signals) for group in (_WORLD_SIGNALS[:2], _WORLD_SIGNALS)]
+    for known in dict.fromkeys(group for group in groups if len(group) > 1):
+        text = f"{join_names(list(known))} look as if NED were taken for NWU"
+        yield Fault(known, text, _all_scaled(known, np.array(_HALF_TURN)), 2)
+    known = tuple(name for name in AXES if name in signals)
+    text = "the samples look as if they were in reverse order"
+    yield Fault(known, text, lambda logged: {name: logged[name][::-1] for name in known}, 3)
     if "attitude" not in signals:
         return
-    known = tuple(name for name in AXES if name in signals)
     text = "all signals look as if NED and FRD were taken for NWU and FLU"
-    yield Fault(known, text, lambda logged: {name: logged[name] * np.array(_HALF_TURN) for name in known}, 2)
+    yield Fault(known, text, _all_scaled(known, np.array(_HALF_TURN)), 2)
     for signal, frame in _WRONG_FRAMES.items():
         if signal in signals:
             text = f"{signal} looks as if it were along {frame} axes"
@@ -141,6 +150,10 @@ def _common_faults(signals: _Signals) -> Iterator[Fault]:
 
 def _scaled(signal: str, factor: np.ndarray | float) -> Callable[[_Signals], dict[str, np.ndarray]]:
     return lambda signals: {signal: signals[signal] * factor}
+
+
+def _all_scaled(names: tuple[str, ...], factor: np.ndarray) -> Callable[[_Signals], dict[str, np.ndarray]]:
+    return lambda signals: {name: signals[name] * factor for name in names}
 
 
 def _swapped(signal: str, signs: np.ndarray) -> Callable[[_Signals], dict[str, np.ndarray]]:

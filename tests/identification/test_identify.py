@@ -1,11 +1,12 @@
 """Tests of the outputs, candidate parameters and error messages of an identification."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from drake_quad import InputError, load_scenario
+from drake_quad import InputError, load_scenario, load_undesigned, read_log
 from drake_quad.identification import identifiability, prepared_logs
 from drake_quad.identification import identify as module
 from drake_quad.identification.evidence import Uncertainty
@@ -126,6 +127,21 @@ def test_a_short_flight_is_refused(rotors):
         InputError, match=r"^the flight in the logs contains only 3 windows of .* in the air; at least 4"
     ):
         identify([record(2.0, *POSE_SIGNALS)], rotors, held_out_fraction=0.0)
+
+
+@pytest.mark.parametrize(("signal", "rate"), [("position", "velocity"), ("attitude", "body_rates")])
+def test_logs_with_a_constant_signal_whose_derivative_is_not_zero_are_refused(rotors, signal, rate):
+    log = record(20.0, *POSE_SIGNALS, "velocity", "body_rates")
+    frozen = replace(log, **{rate: np.full((len(log.time), 3), 0.2)})
+    with pytest.raises(InputError, match=f"{signal} is constant although {rate} is not zero"):
+        identify([frozen], rotors)
+
+
+def test_logs_whose_signals_contradict_each_other_are_refused(root):
+    log = read_log(root / "tests" / "data" / "crazyflie" / "crazyswarm2" / "log100.xz")
+    wrong = replace(log, body_rates=log.body_rates * [1.0, -1.0, 1.0])
+    with pytest.raises(InputError, match="in log100, body_rates .*the sign of body_rates looks wrong in y; correct"):
+        identify([wrong], load_undesigned(log.vehicle))
 
 
 def test_logs_with_different_sample_rates_are_refused(rotors):

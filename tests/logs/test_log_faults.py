@@ -120,7 +120,8 @@ def test_all_signals_may_be_rotated_by_half_a_turn(known: dict[str, Fault]) -> N
     for name, values in SIGNALS.items():
         np.testing.assert_array_equal(repaired[name], values)
     assert fault.num_axes == 2
-    # Neither a half turn of all signals nor a wrong frame is considered if no attitude is logged.
+    # Neither a half turn of all body axes nor a wrong frame is considered if no attitude is logged.
     without_attitude = [*faults({"velocity": SIGNALS["velocity"], "position": SIGNALS["position"]})]
-    assert {fault.signals for fault in without_attitude} == {("velocity",), ("position",)}
+    both = {("position", "velocity"), ("velocity", "position")}  # in NED, and in reverse order
+    assert {fault.signals for fault in without_attitude} == {("velocity",), ("position",), *both}
     assert not any(fault.is_frame for fault in without_attitude)
