@@ -104,7 +104,10 @@ def imprecise_parameters(
     reasons = {}
     limited = SearchVariables.of(parameters).limited(values)
     for parameter, value, half_width, at_limit in zip(parameters, values, half_widths, limited, strict=True):
-        size = min(parameter.scale, value) if parameter.lower > 0.0 else parameter.scale
+        if parameter.lower > 0.0:
+            size = min(parameter.scale, value)
+        else:  # a wide interval that is far from the initial value is informative
+            size = max(parameter.scale, 0.5 * abs(value - parameter.start))
         if half_width > _MAX_RELATIVE_HALF_WIDTH * size:
             reasons[parameter.name] = (
                 f"its 95 % interval is {plus_minus(value, half_width)}, wider than the typical error of a data sheet,"

@@ -56,6 +56,7 @@ from drake_quad.identification.sampling import (
 )
 from drake_quad.identification.windows import held_out_mask, steep_pitch_remarks
 from drake_quad.logs.record import FlightRecord
+from drake_quad.scenario.estimators.motion_capture import MotionCaptureEstimator
 from drake_quad.scenario.models import Scenario
 
 _POSE = ("position", "attitude")
@@ -273,6 +274,7 @@ def _result(
         coverage,
         training_vehicle=training_vehicle,
         flights=differences,
+        fitted=dict(zip(names, map(float, fitted.values), strict=True)),
     )
 
 
@@ -293,6 +295,9 @@ def _noise_estimates(
     Missing commands cause fast rotations, which the fit cannot distinguish from noise of the attitude.
     """
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
+    if not isinstance(logs.scenario.laboratory.estimator, MotionCaptureEstimator):
+        reason = "the pose is an estimate of the vehicle, so its error is not that of motion capture"
+        return [], np.empty(0), np.empty((0, 0)), {_NOISE_NAMES[name]: reason for name in rows}
     sufficient = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
     unidentified = {
         _NOISE_NAMES[name]: f"it is below {_MIN_POSE_NOISE:g} m or rad" for name in rows if name not in sufficient

@@ -245,7 +245,7 @@ def _resampled(record: FlightRecord, time: np.ndarray) -> _Table:
 
 def _gyroscope_lag(record: FlightRecord) -> float:
     """Return the median lag (s) of the gyroscope behind motion capture; 0 if it cannot be determined."""
-    lags = clock_shifts(dict(record.signals()), record.time)
+    lags = clock_shifts(dict(record.signals()), record.time).lags
     return float(np.median(lags)) if len(lags) else 0.0
 
 

@@ -95,6 +95,8 @@ class Identification:
             the name of the parameter; empty if the flights are too short.
         training_vehicle: scenario with the estimates from the training data; None if nothing was held out.
         flights: difference of each flight from the mean of all flights.
+        fitted: estimates of all fitted parameters in SI units, by name, also of those that are not identified. Their
+            mean over many flights may be useful although no single flight identifies them.
     """
 
     estimates: Estimates
@@ -106,3 +108,4 @@ class Identification:
     held_out: Mapping[str, HeldOutErrors] = field(default_factory=dict)
     training_vehicle: Scenario | None = None
     flights: tuple[FlightDifference, ...] = ()
+    fitted: Mapping[str, float] = field(default_factory=dict)

@@ -5,6 +5,7 @@ link has two clocks: that of the vehicle for commands and on-board sensors, and 
 faults distort the fast part of the motion, from which lags and moments of inertia are identified.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -28,7 +29,8 @@ _MIN_FAST_POWER_RATIO = 0.2
 # commands between the samples of a log are missing. The bias of the estimated delay is negligible.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # Two signals have the same clock if the standard deviation of the time shift between them is at most this value, in s.
-# It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.
+# The error due to noise is subtracted. It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26
+# ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4  # smallest number of parts of a log from which the standard deviation of the shift is computed
 # Sampling period to which on-board signals are averaged, s: half of the time constant of a small motor, and longer than
@@ -64,13 +66,18 @@ def synchronise(records: Sequence[FlightRecord]) -> SynchronisedRecords:
     """
     has_both = [{"attitude", "body_rates"} <= {*record.names} for record in records]
     shifts = [
-        clock_shifts(dict(record.signals()), record.time) if both else np.zeros(0)
+        clock_shifts(dict(record.signals()), record.time)
         for record, both in zip(records, has_both, strict=True)
+        if both
     ]
-    deviations = np.concatenate([each - each.mean() for each in shifts if len(each)] or [np.zeros(0)])
-    if len(deviations) >= _MIN_CLOCK_PARTS and np.std(deviations) > _MAX_CLOCK_SCATTER:
-        return _on_board(records, float(np.std(deviations)))
-    lead = -float(np.mean(np.concatenate(shifts))) if len(deviations) else 0.0
+    shifts = [each for each in shifts if len(each.lags)]
+    deviations = np.concatenate([np.zeros(0), *(each.lags - each.lags.mean() for each in shifts)])
+    errors = np.concatenate([np.zeros(0), *(each.deviations for each in shifts)])
+    if len(deviations) >= _MIN_CLOCK_PARTS:
+        scatter = math.sqrt(max(0.0, float(np.mean(deviations**2) - np.mean(errors**2))))
+        if scatter > _MAX_CLOCK_SCATTER:
+            return _on_board(records, scatter)
+    lead = -float(np.mean(np.concatenate([each.lags for each in shifts]))) if shifts else 0.0
     if lead < _MIN_LEAD or any(record.position is None and record.specific_force is None for record in records):
         return SynchronisedRecords(records, False, [])
     remark = (

@@ -71,6 +71,18 @@ class Inconsistency(NamedTuple):
     faulty: tuple[str, ...] = ()
 
 
+class ClockShifts(NamedTuple):
+    """Time shifts between attitude and body rates in parts of a log.
+
+    Attributes:
+        lags: (parts,) lag of the body rates behind the derivative of the attitude, s.
+        deviations: (parts,) standard deviation of the error of each lag due to noise, s.
+    """
+
+    lags: np.ndarray
+    deviations: np.ndarray
+
+
 class _Pair(NamedTuple):
     """Two signals that should be equal.
 
@@ -473,11 +485,12 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
     return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_ERROR_RATIO * old.sum())
 
 
-def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return the lag (parts,), s, of the body rates behind the derivative of the attitude, in each part of the log.
+def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> ClockShifts:
+    """Return the lags of the body rates behind the derivative of the attitude, in parts of the log.
 
-    A part lasts two seconds. Parts in which the two signals do not match are left out. If the lags differ, the clocks
-    of the two sensors are not synchronised, for example because one sensor is received over a radio link.
+    A part lasts two seconds. Parts in which the two signals do not match are left out. If the lags differ by more than
+    their errors, the clocks of the two sensors are not synchronised, for example because one sensor is received over a
+    radio link.
 
     Args:
         signals: (n, columns) values of signals, including attitude and body_rates, in SI units and the frames of this
@@ -486,16 +499,21 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
     """
     grid = _on_grid(signals, time)
     if grid is None:
-        return np.zeros(0)
+        return ClockShifts(np.zeros(0), np.zeros(0))
     expected, measured = _attitude_and_rates(grid).clipped()
     max_shift, count = grid.num_steps(_MAX_CLOCK_SHIFT), grid.num_steps(_CLOCK_PART_DURATION)
-    lags = []
+    rows = []
     for first in range(max_shift, len(expected) - count - max_shift, count):
         errors = _shift_errors(measured, expected, first, first + count, max_shift)
         lead = _refined_minimum(errors)
         if lead is not None and errors.min() < _MAX_CLOCK_ERROR * np.sum(measured[first : first + count] ** 2):
-            lags.append(grid.step * (max_shift - lead))
-    return np.array(lags)
+            # The sum of squared errors has the minimum E and the second derivative E''. With independent errors of
+            # variance σ², the variance of its place is 2 σ² / E''. Errors of overlapping windows are not independent.
+            variance = grid.num_steps(_ROTATION_WINDOW) * errors.min() / measured[first : first + count].size
+            index = int(np.argmin(errors))
+            curvature = errors[index - 1] - 2.0 * errors[index] + errors[index + 1]
+            rows.append([grid.step * (max_shift - lead), grid.step * math.sqrt(2.0 * variance / curvature)])
+    return ClockShifts(*np.array(rows).reshape(-1, 2).T)
 
 
 def _shift_errors(values: np.ndarray, others: np.ndarray, first: int, end: int, max_shift: int) -> np.ndarray:

@@ -8,7 +8,7 @@ the same clock. The other parameters differ between flights, so the file contain
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drake_quad.command_line.running import run
 
@@ -225,11 +225,10 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
         # Each flight is identified separately, because the centre of mass differs between flights.
         imu = downsample(replace(record, position=None, velocity=None, attitude=None), _NUM_AVERAGED)
         identification = identify([imu], start, held_out_fraction=0.0)
-        fitted: Any = identification.vehicle.vehicle.motors
-        _, k_1, k_2 = fitted.curve
+        values = identification.fitted
+        k_1, k_2 = (values[f"motors.curve[{power}]"] for power in (1, 2))
         factor = 0.25 * _MASS * slope * _FULL_THROTTLE / (k_1 + 2.0 * k_2 * hover / _FULL_THROTTLE)
-        values = dict(zip(identification.estimates.names, identification.estimates.values, strict=True))
-        rows.append([float(values[name]) * (factor if name in _PROPORTIONAL else 1.0) for name in _ROTATIONAL])
+        rows.append([values[name] * (factor if name in _PROPORTIONAL else 1.0) for name in _ROTATIONAL])
     # All flights have the same vehicle, so differences between the estimates are errors, which the mean reduces.
     return {
         name: (float(column.mean()), float(column.std(ddof=1)) / np.sqrt(len(rows)))

@@ -277,6 +277,14 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     assert set(result) == {"linear_drag", "inertia[0]"}
 
 
+@pytest.mark.parametrize(("value", "is_identified"), [(0.05, True), (0.015, False)])
+def test_a_wide_interval_that_is_far_from_the_initial_value_is_informative(value, is_identified):
+    parameter = Parameter("body_drag.centre_of_pressure[2]", 0.0, 0.009)
+    uncertainty = Uncertainty(np.array([[0.005**2]]), np.full(1, 30.0), np.eye(1))
+    result = identifiability.imprecise_parameters([parameter], np.array([value]), uncertainty)
+    assert (result == {}) == is_identified
+
+
 def test_drag_below_the_disturbing_force_is_not_identified_and_the_reason_is_given(rotors):
     """The drag coefficient is 0.2 N s/m. The vehicle moves at 1 m/s in x and y, so the drag force is 0.2 N.
 

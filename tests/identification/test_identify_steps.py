@@ -275,6 +275,7 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
     else:
         assert result.estimates.not_identified[weak].startswith("its 95 % interval is")
         assert weak not in result.estimates.names
+        assert result.fitted[weak] == pytest.approx(3.0 * rotors.vehicle.inertia[2])
         assert result.vehicle.vehicle.inertia == rotors.vehicle.inertia
         assert total_delay(result.vehicle) == pytest.approx(0.1)
 

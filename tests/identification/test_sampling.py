@@ -17,7 +17,7 @@ from drake_quad.identification.sampling import (
     synchronise,
     with_averaging_error,
 )
-from drake_quad.logs.consistency import clock_shifts
+from drake_quad.logs.consistency import ClockShifts, clock_shifts
 from drake_quad.logs.record import FlightRecord
 
 PERIOD = 0.01  # s, sampling period
@@ -50,8 +50,12 @@ def rolling(shifts, *, lost=()):
     return FlightRecord("rolling", TIME, **{name: each for name, each in signals.items() if name not in lost})
 
 
+def exact_shifts(lags):
+    return ClockShifts(np.array(lags), np.zeros(len(lags)))
+
+
 def shifts_of(record):
-    return clock_shifts(dict(record.signals()), record.time)
+    return clock_shifts(dict(record.signals()), record.time).lags
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.03])
@@ -128,7 +132,7 @@ def test_a_clock_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
 def test_a_clock_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkeypatch, shifts, drifts):
     records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
     parts = iter(shifts)
-    monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
+    monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: exact_shifts(next(parts)))
     results, is_estimated, remarks = synchronise(records)
     assert not is_estimated
     if drifts:
@@ -149,7 +153,7 @@ def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
 
     def shifts_of_part(signals, time):
         compared.append(len(time))
-        return np.array([0.02, -0.02] * 3)
+        return exact_shifts([0.02, -0.02] * 3)
 
     monkeypatch.setattr(sampling, "clock_shifts", shifts_of_part)
     fast = rolling(np.zeros(20))
@@ -234,3 +238,22 @@ def test_the_variance_of_the_rotor_time_constant_includes_the_error_of_averaged_
     np.testing.assert_allclose(np.diag(covariance), [4e-6, 9e-6 + error**2, 1e-6 + 0.25 * error**2], rtol=1e-2)
     assert covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]) == pytest.approx(1.0 / 6.0)
     np.testing.assert_array_equal(with_averaging_error(uncertainty, names, values, 0.0).covariance, initial_covariance)
+
+
+def test_scatter_that_noise_explains_is_no_difference_of_clocks(monkeypatch):
+    lags = np.array([0.011, -0.011] * 3)
+    for deviation, drifts in ((0.01, False), (0.005, True)):
+        shifts = ClockShifts(lags, np.full(6, deviation))
+        monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time, found=shifts: found)
+        assert bool(synchronise([rolling(np.zeros(20))]).remarks) == drifts
+
+
+def test_the_error_of_a_lag_is_that_of_repeated_measurements():
+    clean, random = rolling(np.zeros(20)), np.random.default_rng(2)
+    size = np.sqrt(np.mean(clean.body_rates**2))
+    found = [
+        clock_shifts({**dict(clean.signals()), "body_rates": clean.body_rates + size * noise}, TIME)
+        for noise in random.normal(size=(8, *clean.body_rates.shape))
+    ]
+    lags, deviations = (np.array([getattr(each, name) for each in found]) for name in ("lags", "deviations"))
+    assert np.sqrt(np.mean(deviations**2)) == pytest.approx(np.std(lags, axis=0).mean(), rel=0.3)

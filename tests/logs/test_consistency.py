@@ -362,11 +362,11 @@ def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
 def test_the_lag_of_body_rates_is_estimated_only_where_they_match_the_attitude():
     signals, late = flight(noise=0.1), np.maximum(TIME - 0.03, 0.0)
     rates = np.column_stack([np.interp(late, TIME, axis) for axis in signals["body_rates"].T])
-    lags = clock_shifts({"attitude": signals["attitude"], "body_rates": rates}, TIME)
+    lags = clock_shifts({"attitude": signals["attitude"], "body_rates": rates}, TIME).lags
     assert len(lags) == 7
     np.testing.assert_allclose(lags, 0.03, atol=0.005)
     # The rates of a gyroscope with half the true scale do not match.
-    assert not len(clock_shifts({"attitude": signals["attitude"], "body_rates": 0.5 * rates}, TIME))
+    assert not len(clock_shifts({"attitude": signals["attitude"], "body_rates": 0.5 * rates}, TIME).lags)
 
 
 @pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])

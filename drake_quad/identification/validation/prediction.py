@@ -40,6 +40,7 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, airborne_m
 from drake_quad.logs.attitudes import rotation_matrices
 from drake_quad.logs.record import QUANTITIES, FlightRecord
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import Interval
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
@@ -181,8 +182,13 @@ def predict(
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too
-            short.
+            short, or a vehicle contains a distribution.
     """
+    for name, vehicle in vehicles.items():
+        if (path := next(iter(distributions_in(vehicle)), None)) is not None:
+            raise InputError(
+                f"{short_repr(name)} cannot predict a flight: {path} is a distribution; use draw_sample(scenario, 0)"
+            )
     if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
             f"the log {short_repr(record.name)} contains no signal that can be predicted: it needs position, velocity,"
