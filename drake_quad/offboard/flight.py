@@ -13,7 +13,7 @@ occurs. If the pilot or a failsafe changes the mode, setpoints end as soon as a 
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -49,6 +49,9 @@ _MODE_ATTEMPTS = 3  # number of mode commands, which are sent at intervals of `_
 _MODE_PERIOD = 2.0  # s
 _FRESH_MODE_TIMEOUT = 1.5  # s until a heartbeat arrives
 _TURNING_TIMEOUT = 30.0  # s until the vehicle is at rest at the start of the route
+# Largest difference between the thrust in hover and its parameter, relative to the parameter. An acceleration of 0.15 g
+# is within the range that a position loop corrects at once. The telemetry rounds the thrust to 1 % of the largest one.
+_MAX_HOVER_ERROR, _THRUST_RESOLUTION = 0.15, 0.01
 _REST_TIME = 1.0  # s for which the vehicle must be at rest
 _REST_YAW = 0.1  # rad
 _REST_SPEED = 0.3  # m/s
@@ -296,6 +299,7 @@ class OffboardFlight:
         self._say("turning to the first yaw of the route")
         held = held._replace(yaw=self._first.yaw)
         start = rest_start = self._clock.now()
+        thrusts: list[float | None] = []
         for tick, telemetry in enumerate(self._ticks()):
             state, now = telemetry.state, self._clock.now()
             self._check(telemetry, held)
@@ -306,12 +310,28 @@ class OffboardFlight:
                 and math.dist(state[:3], held[:3]) < _REST_DISTANCE
             )
             if not at_rest:
-                rest_start = now
-            elif now - rest_start > _REST_TIME:
+                rest_start, thrusts = now, []
+            thrusts.append(telemetry.thrust)
+            if at_rest and now - rest_start > _REST_TIME:
+                self._check_hover_thrust(thrusts)
                 return held
             if now - start > _TURNING_TIMEOUT:
                 raise _FlightEndError(f"the vehicle did not come to rest at the start within {_TURNING_TIMEOUT:g} s")
         raise AssertionError("unreachable: the ticks do not end")
+
+    def _check_hover_thrust(self, thrusts: Sequence[float | None]) -> None:
+        """End the flight if the thrusts of a vehicle at rest contradict the parameter with the thrust in hover."""
+        if self._companion.setpoint == "position":
+            return
+        name, known = self._link.stack.hover_parameter, [each for each in thrusts if each is not None]
+        if not known:
+            raise _FlightEndError(f"the autopilot does not send its thrust (VFR_HUD), so {name} cannot be checked")
+        flown = sum(known) / len(known)
+        if abs(flown - self._hover_thrust) > _MAX_HOVER_ERROR * self._hover_thrust + _THRUST_RESOLUTION:
+            raise _FlightEndError(
+                f"the vehicle hovers with {flown:.0%} of the largest thrust, but {name} is {self._hover_thrust:.2g};"
+                f" set {name} to {flown:.2f}"
+            )
 
     def _follow_route(self, held: Reference, log: Path) -> None:
         """Follow the route from the held position."""

@@ -25,7 +25,7 @@ _REPEAT_PERIOD = 1.0  # s after which a request without an answer is repeated
 _WAITING_STEP = 0.01  # s
 _WARNING_TIME = 5.0  # s for which a warning of the autopilot is remembered
 _TELEMETRY = ("LOCAL_POSITION_NED", "ATTITUDE")
-_STATUS_PERIODS = {"HEARTBEAT": 0.1, "EXTENDED_SYS_STATE": 0.2}  # s
+_STATUS_PERIODS = {"HEARTBEAT": 0.1, "EXTENDED_SYS_STATE": 0.2, "VFR_HUD": 0.2}  # s
 _AUTOPILOT_COMPONENT = 1
 _IN_AIR = 2  # value of landed_state
 _IGNORE_RATES, _IGNORE_ATTITUDE = 0b0000_0111, 0b1000_0000  # in the type mask of SET_ATTITUDE_TARGET
@@ -99,6 +99,7 @@ class Telemetry(NamedTuple):
         mode_time: time at which the heartbeat with this mode arrived, s.
         is_armed: True if the motors are armed.
         is_in_air: True if the autopilot reports that the vehicle is in the air.
+        thrust: present thrust relative to the largest one, in whole percent; None if it is unknown.
     """
 
     state: State
@@ -107,6 +108,7 @@ class Telemetry(NamedTuple):
     mode_time: float
     is_armed: bool
     is_in_air: bool
+    thrust: float | None
 
 
 class VehicleLink:
@@ -154,6 +156,7 @@ class VehicleLink:
         self._heartbeats: dict[int, Any] = {}  # by system
         self._heartbeat_time = -math.inf
         self._landed_state: int | None = None
+        self._thrust: float | None = None
         self._parameters: dict[str, float] = {}
         self._refused_commands: set[int] = set()
         self._warnings: list[tuple[float, str]] = []
@@ -251,6 +254,7 @@ class VehicleLink:
             self._heartbeat_time,
             bool(self._heartbeat.base_mode & self._mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
             self._landed_state == _IN_AIR,
+            self._thrust,
         )
 
     def _mode(self) -> str:
@@ -309,6 +313,8 @@ class VehicleLink:
                 self._position = message
         elif kind == "EXTENDED_SYS_STATE":
             self._landed_state = message.landed_state
+        elif kind == "VFR_HUD":
+            self._thrust = 0.01 * message.throttle
         elif kind == "PARAM_VALUE":
             self._parameters[message.param_id] = message.param_value
         elif kind == "COMMAND_ACK" and getattr(message, "target_system", 0) in (0, system):

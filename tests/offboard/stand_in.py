@@ -82,6 +82,8 @@ class StandInVehicle:
         self.streams, self.accepts_modes, self.disturbance = True, True, np.zeros(3)
         self.setpoint, self.setpoint_time = None, -math.inf
         self.interval = {"LOCAL_POSITION_NED": 0.1, "ATTITUDE": 0.1, "HEARTBEAT": 1.0, "EXTENDED_SYS_STATE": math.inf}
+        self.interval["VFR_HUD"] = math.inf
+        self.has_thrust = True
         self.modes_accepted, self.has_landed_state, self.fast_heartbeats = None, True, True
         self._link = mavutil.mavlink_connection(
             address or f"udpout:127.0.0.1:{port}", source_system=system, source_component=1
@@ -192,6 +194,9 @@ class StandInVehicle:
         if self.has_landed_state and now >= self._next["EXTENDED_SYS_STATE"]:
             self._next["EXTENDED_SYS_STATE"] = now + self.interval["EXTENDED_SYS_STATE"]
             mav.extended_sys_state_send(0, 1 if self.on_ground else 2)
+        if self.has_thrust and now >= self._next["VFR_HUD"]:
+            self._next["VFR_HUD"] = now + self.interval["VFR_HUD"]
+            mav.vfr_hud_send(0.0, 0.0, 0, round(100.0 * self.hover), 0.0, 0.0)
         for name, send, values in (
             ("LOCAL_POSITION_NED", mav.local_position_ned_send, self.state[:6]),
             ("ATTITUDE", mav.attitude_send, self.state[6:12]),

@@ -429,3 +429,32 @@ def test_body_rates_are_limited(port, tmp_path):
     ]
     assert np.abs(rates).max() == pytest.approx(0.02, rel=1e-5)
     assert outcome.num_limited > 0
+
+
+@pytest.mark.parametrize("setpoint", ["position", "attitude", "rates"])
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (
+            {"hover": 0.36},
+            "hovers with 36% of the largest thrust, but MPC_THR_HOVER is 0.45; set MPC_THR_HOVER to 0.36",
+        ),
+        ({"has_thrust": False}, "does not send its thrust"),
+        ({"hover": 0.49}, None),
+    ],
+)
+def test_the_thrust_in_hover_is_compared_with_its_parameter_before_thrusts_are_commanded(
+    port, tmp_path, setpoint, change, reason
+):
+    def prepare(vehicle):
+        for name, value in change.items():
+            setattr(vehicle, name, value)
+
+    outcome, vehicle, _ = fly(port, tmp_path, setpoint=setpoint, scenario_name="onboard", before=prepare)
+    if setpoint == "position" or reason is None:
+        assert outcome.num_ticks > 0
+        return
+    assert reason in outcome.reason
+    assert not outcome.completed
+    assert vehicle.mode == "LOITER"
+    assert not any(message.get_type() == "SET_ATTITUDE_TARGET" for _, message in vehicle.received)
