@@ -24,9 +24,14 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Iterable[str] | None = None, namespace: Any = None) -> Any:
         """Return the values of known arguments, and the unknown arguments; exit if one of these begins with two dashes.
 
-        A misspelt option is reported before anything else, such as a missing argument.
+        A misspelt option is reported before anything else, such as a missing argument. An empty argument, which a shell
+        passes for a variable without a value, is refused: as a path, it would mean the current folder.
         """
         given = sys.argv[1:] if args is None else [*args]
+        for i, each in enumerate(given):
+            if not each or (each.startswith("--") and each.endswith("=")):
+                name = each or (given[i - 1] if i and given[i - 1].startswith("-") else "an argument")
+                self.error(f"{name.removesuffix('=')} is empty; was a shell variable without a value used?")
         options = given[: given.index("--")] if "--" in given else given
         self._refuse([each for each in options if each.startswith("--") and not self._is_option(each)])
         return super().parse_known_args(given, namespace)

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.errors import InputError
 from drake_quad.framework.replacements import (
     ROW_OPERATIONS_HINT,
     calling_numpy_function,
@@ -222,7 +223,11 @@ class Listing:
             return self.add("constant", (int(value),), SymbolKind.WORD)
         if not isinstance(value, int | float | np.number):
             raise TypeError(f"expected a number or a row, not {type(value).__name__}; {ROW_OPERATIONS_HINT}")
-        return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
+        try:
+            number = np.float64(value)
+        except OverflowError:
+            raise InputError("a formula contains an integer that is too large for a floating-point number") from None
+        return self.add("constant", (int(number.view(np.uint64)),), SymbolKind.NUMBER)
 
 
 def scalar_element(array: np.ndarray) -> Any:

@@ -10,6 +10,9 @@ from drake_quad.command_line.main import COMMANDS, command_module
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["study", "--output", ""], "--output is empty; was a shell variable without a value used?"),
+        (["study", "--output="], "--output is empty; was a shell variable without a value used?"),
+        (["fly", ""], "an argument is empty; was a shell variable without a value used?"),
         (["flyy"], "there is no command called 'flyy'; did you mean fly?"),
         (["fly", "--sampel", "3"], "drake-quad fly has no option --sampel; did you mean --sample?"),
         (["study", "--sampels=3"], "drake-quad study has no option --sampels; did you mean --samples?"),

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 
+from drake_quad.errors import InputError
 from drake_quad.framework import elementary
 from drake_quad.framework.symbols import Listing, Matrix, SymbolKind
 
@@ -72,3 +73,10 @@ def test_the_digest_of_a_listing_is_the_same_in_every_process():
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert result.stdout.split() == [digest(name) for name in LISTINGS]
     assert [digest(name) for name in LISTINGS] == [digest(name) for name in LISTINGS]
+
+
+@pytest.mark.parametrize("digits", [400, 5000])
+def test_an_integer_that_is_no_floating_point_number_is_refused(digits):
+    listing = Listing()
+    with pytest.raises(InputError, match="an integer that is too large for a floating-point number"):
+        listing.row(0, 0) + 10**digits
