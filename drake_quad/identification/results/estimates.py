@@ -119,7 +119,8 @@ class Estimates:
         sources: (n,) sources of each estimate, or a single source for all.
         explained_variance: explained variance by the name of the parameter, if it is known.
         not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
-            parameter has an estimate, it is a coefficient of a curve that is identified as a whole.
+            parameter has an estimate, it is a coefficient of a thrust curve that is known only at the thrusts of the
+            flight.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
             mean parameters; None if it is unknown.
         flight_variation: variation from one flight to the next, in addition to the variation within a flight; None if

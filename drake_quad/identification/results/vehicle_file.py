@@ -281,7 +281,7 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
         Interval(value, *item.intervals()[index]).text(unit=unit) for item in (estimates, estimates.for_new_flight())
     )
     if name in estimates.not_identified:
-        return f"not identified, {interval}: a coefficient of a thrust curve that is identified as a whole"
+        return f"not identified by itself, {interval}: the curve is known only at the thrusts of the flight"
     parts = [f"{interval} with 95 % confidence"]
     flight_variance, stretch_variance = (
         0.0 if item is None else np.nan_to_num(item.covariance[index, index])
