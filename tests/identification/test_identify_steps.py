@@ -359,20 +359,28 @@ def test_remarks_name_effects_that_a_log_cannot_distinguish():
 def test_logs_without_poses_give_no_estimates_of_pose_noise(rotors):
     outputs = [Output("body_rates", column) for column in range(3)]
     noise = PredictionNoise(np.full(3, 0.02), np.ones(6), np.ones(6))
-    logs = SimpleNamespace(records=[log_of(3.0)])
+    logs = SimpleNamespace(records=[log_of(3.0)], scenario=rotors)
     names, values, covariance, weak = module._noise_estimates(
         logs, SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise)
     )
     assert (names, len(values), covariance.shape, weak) == ([], 0, (0, 0), {})
 
 
-def test_missing_commands_and_attitude_noise_are_indistinguishable(monkeypatch):
+def test_the_error_of_an_estimated_pose_is_no_noise_of_motion_capture(rotors):
+    laboratory = load_scenario("indoor_flow").laboratory
+    logs = SimpleNamespace(records=[log_of(3.0)], scenario=rotors.model_copy(update={"laboratory": laboratory}))
+    names, _, _, reasons = module._noise_estimates(logs, SimpleNamespace(outputs=POSE), SimpleNamespace())
+    assert names == []
+    assert set(reasons) == {*NOISE_NAMES}
+
+
+def test_missing_commands_and_attitude_noise_are_indistinguishable(monkeypatch, rotors):
     fast_commands = 200.0 + np.random.default_rng(3).normal(size=(400, 4))
     predictor = SimpleNamespace(outputs=POSE)
     monkeypatch.setattr(module, "noise_covariance", lambda *_: np.eye(6))
 
     def estimates(**commands):
-        logs = SimpleNamespace(records=[log_of(4.0, **commands)])
+        logs = SimpleNamespace(records=[log_of(4.0, **commands)], scenario=rotors)
         fitted = SimpleNamespace(noise=noise_of(POSE))
         names, values, covariance, unidentified = module._noise_estimates(logs, predictor, fitted)
         assert len(values) == len(covariance) == len(names)
