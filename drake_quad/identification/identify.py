@@ -208,7 +208,7 @@ def _result(
     uncertainty = with_averaging_error(uncertainty, names, fitted.values, logs.averaging_period)
     remarks = [*_remarks(predictor, fitted, names), *steep_pitch_remarks(logs.records)]
     unidentified = imprecise_parameters(parameters, fitted.values, uncertainty)
-    unidentified |= distorted_parameters(logs.records, parameters, fitted.noise)
+    unidentified |= distorted_parameters(logs.records, parameters, fitted.noise, logs.loop_period)
     if {*names} <= {*unidentified, DELAY}:
         raise InputError(
             "cannot identify the vehicle: the logs determine none of its parameters: "
@@ -302,7 +302,7 @@ def _noise_estimates(
     unidentified = {
         _NOISE_NAMES[name]: f"it is below {_MIN_POSE_NOISE:g} m or rad" for name in rows if name not in sufficient
     }
-    affected_logs = logs_without_fast_commands(logs.records, fitted.noise)
+    affected_logs = logs_without_fast_commands(logs.records, fitted.noise, logs.loop_period)
     if affected_logs and sufficient.pop("attitude", None) is not None:
         unidentified[_NOISE_NAMES["attitude"]] = (
             f"the log may lack commands between its samples ({', '.join(affected_logs)}), which adds to the noise"

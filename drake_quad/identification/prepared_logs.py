@@ -74,6 +74,12 @@ class PreparedLogs(NamedTuple):
         return common_period(self.records)
 
     @property
+    def loop_period(self) -> float | None:
+        """Period of the loop on board that commands the rotors, s; None without a loop, or if logs were averaged."""
+        autopilot = self.scenario.laboratory.autopilot
+        return None if autopilot.models_vehicle or self.averaging_period else autopilot.period
+
+    @property
     def voltage(self) -> float | None:
         """Voltage for which the thrust curve holds, V.
 

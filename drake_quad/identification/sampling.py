@@ -25,6 +25,8 @@ _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
 # Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
 # is 0.5 for white noise.
 _MIN_FAST_POWER_RATIO = 0.2
+# A log lacks commands if the loop that computes them has less than this fraction of the log's period.
+_MIN_LOGGED_FRACTION = 0.75
 # Beginnings of the names of parameters that determine the response to fast commands. Their estimates are biased if
 # commands between the samples of a log are missing. The bias of the estimated delay is negligible.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
@@ -118,7 +120,10 @@ def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
 
 
 def distorted_parameters(
-    records: Sequence[FlightRecord], parameters: Sequence[Parameter], noise: PredictionNoise
+    records: Sequence[FlightRecord],
+    parameters: Sequence[Parameter],
+    noise: PredictionNoise,
+    loop_period: float | None = None,
 ) -> dict[str, str]:
     """Return a reason for each parameter whose estimate is distorted by missing commands.
 
@@ -128,17 +133,34 @@ def distorted_parameters(
     inertia was twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit
     needs no disturbing torque, no commands are missing, even if the commands are fast.
     """
-    affected_logs = logs_without_fast_commands(records, noise)
+    affected_logs = logs_without_fast_commands(records, noise, loop_period)
     reason = f"the log may lack commands between its samples ({', '.join(affected_logs)}), which distorts the response"
     fast = [parameter.name for parameter in parameters if parameter.name.startswith(_FAST_PARAMETERS)]
     return dict.fromkeys(fast, reason) if affected_logs else {}
 
 
-def logs_without_fast_commands(records: Sequence[FlightRecord], noise: PredictionNoise) -> list[str]:
-    """Return the names of logs that lack commands between their samples, given the noise of the fit."""
+def logs_without_fast_commands(
+    records: Sequence[FlightRecord], noise: PredictionNoise, loop_period: float | None = None
+) -> list[str]:
+    """Return the names of logs that lack commands between their samples.
+
+    Args:
+        records: logs whose samples are not averages of faster logs.
+        noise: noise of the fit.
+        loop_period: period of the loop on board that commands the rotors, s; None if it is unknown.
+    """
     if np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
         return []
-    return [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
+    return [
+        record.name
+        for record in records
+        if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO
+        or (
+            loop_period is not None
+            and record.rotor_speed_command is not None
+            and loop_period < _MIN_LOGGED_FRACTION * record.period
+        )
+    ]
 
 
 def fast_command_fraction(record: FlightRecord) -> float:

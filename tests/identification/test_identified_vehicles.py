@@ -103,7 +103,17 @@ def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagra
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["hover", "figure_eight", "crazyswarm2:sheet_100", "crazyswarm2:log145"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hover",
+        "figure_eight",
+        "crazyswarm2:sheet_100",
+        "crazyswarm2:log145",
+        "outdoor_gnss",
+        "warehouse_uwb",
+    ],
+)
 def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Path) -> None:
     """The log is the saved flight.csv. All intervals contain the true values."""
     scenario = load_scenario(name)

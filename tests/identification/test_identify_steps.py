@@ -359,7 +359,7 @@ def test_remarks_name_effects_that_a_log_cannot_distinguish():
 def test_logs_without_poses_give_no_estimates_of_pose_noise(rotors):
     outputs = [Output("body_rates", column) for column in range(3)]
     noise = PredictionNoise(np.full(3, 0.02), np.ones(6), np.ones(6))
-    logs = SimpleNamespace(records=[log_of(3.0)], scenario=rotors)
+    logs = SimpleNamespace(records=[log_of(3.0)], scenario=rotors, loop_period=None)
     names, values, covariance, weak = module._noise_estimates(
         logs, SimpleNamespace(outputs=outputs), SimpleNamespace(noise=noise)
     )
@@ -380,7 +380,7 @@ def test_missing_commands_and_attitude_noise_are_indistinguishable(monkeypatch, 
     monkeypatch.setattr(module, "noise_covariance", lambda *_: np.eye(6))
 
     def estimates(**commands):
-        logs = SimpleNamespace(records=[log_of(4.0, **commands)], scenario=rotors)
+        logs = SimpleNamespace(records=[log_of(4.0, **commands)], scenario=rotors, loop_period=None)
         fitted = SimpleNamespace(noise=noise_of(POSE))
         names, values, covariance, unidentified = module._noise_estimates(logs, predictor, fitted)
         assert len(values) == len(covariance) == len(names)

@@ -14,6 +14,7 @@ from drake_quad.identification.sampling import (
     distorted_parameters,
     fast_command_fraction,
     fast_command_remarks,
+    logs_without_fast_commands,
     synchronise,
     with_averaging_error,
 )
@@ -257,3 +258,11 @@ def test_the_error_of_a_lag_is_that_of_repeated_measurements():
     ]
     lags, deviations = (np.array([getattr(each, name) for each in found]) for name in ("lags", "deviations"))
     assert np.sqrt(np.mean(deviations**2)) == pytest.approx(np.std(lags, axis=0).mean(), rel=0.3)
+
+
+def test_a_log_that_is_slower_than_the_loop_on_board_lacks_commands():
+    noise = noise_with([0.2] * 6)
+    record = FlightRecord("slow", TIME, rotor_speed_command=np.tile(100.0 + TIME[:, None], (1, 4)))
+    for loop_period, names in ((None, []), (0.7 * record.period, ["slow"]), (record.period, [])):
+        assert logs_without_fast_commands([record], noise, loop_period) == names
+    assert logs_without_fast_commands([record], noise_with([1e-4] * 6), 0.5 * record.period) == []
