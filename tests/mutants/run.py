@@ -6,7 +6,7 @@ The run has two parts. First, every test runs once, and its duration and the lin
 lines of a formula run when it is compiled to machine code.) Then, for each mutant, the tests that run its line are run
 until one of them fails. Tests in the file of the same name run first, then all others in order of their duration. Each
 mutant is tested in its own process, which is forked from a process that has imported all libraries, but not this
-project. A test that takes more than ten times its recorded CPU time plus 10 s counts as failed.
+project. A test that takes more than ten times its recorded CPU time plus 30 s counts as failed.
 
 `survivors.yaml` lists mutants that no test can kill, each with the reason. The score of a package is the fraction of
 killed mutants among those that are not listed there. The exit status is 1 if the score of any package is below 95 %.
