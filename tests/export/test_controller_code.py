@@ -193,7 +193,9 @@ def test_exported_code_allocates_no_memory_and_has_no_global_variables(tmp_path)
 
 
 def test_the_opening_comment_names_scenario_version_and_licence(tmp_path):
-    export = export_controller(load_scenario("hover"), tmp_path)
+    pid = "control.position={kind: pid, k_p: [6, 6, 9], k_d: [4, 4, 6], k_i: [1, 1, 2]}"
+    export = export_controller(load_scenario("hover", [pid]), tmp_path)
+    assert export.description.num_states > 0
     for file in export.files[:2]:
         opening = file.read_text().partition("*/")[0]
         assert "Controller of the scenario hover, exported by drake_quad" in opening
