@@ -303,8 +303,8 @@ def print_estimates(identification: Identification) -> None:
     total = len({*estimates.names, *estimates.not_identified})
     if 2 * len(estimates.identified) < total:
         remark(
-            f"the logs identify only {len(estimates.identified)} of {total} parameters; the others keep the values"
-            " of the initial vehicle"
+            f"the logs identify only {len(estimates.identified)} of {total} parameters; the others, except"
+            " coefficients of a thrust curve, keep the values of the initial vehicle"
         )
 
 

@@ -56,7 +56,6 @@ from drake_quad.identification.sampling import (
 )
 from drake_quad.identification.windows import held_out_mask, steep_pitch_remarks
 from drake_quad.logs.record import FlightRecord
-from drake_quad.scenario.estimators.motion_capture import MotionCaptureEstimator
 from drake_quad.scenario.models import Scenario
 
 _POSE = ("position", "attitude")
@@ -92,8 +91,8 @@ def identify(
         held_out_fraction: fraction of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
-        InputError: if no log is given, a log lacks a signal, measured signals contradict each other, the
-            flights are too short, or the logged values are physically impossible.
+        InputError: if no log is given, a log lacks a signal, measured signals contradict each other, the flights are
+            too short, or the logged values are physically impossible.
     """
     if not records:
         raise InputError("no log is given; at least one is needed to identify a vehicle")
@@ -295,7 +294,7 @@ def _noise_estimates(
     Missing commands cause fast rotations, which the fit cannot distinguish from noise of the attitude.
     """
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
-    if not isinstance(logs.scenario.laboratory.estimator, MotionCaptureEstimator):
+    if logs.scenario.laboratory.estimator.integrates_sensors:
         reason = "the pose is an estimate of the vehicle, so its error is not that of motion capture"
         return [], np.empty(0), np.empty((0, 0)), {_NOISE_NAMES[name]: reason for name in rows}
     sufficient = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}

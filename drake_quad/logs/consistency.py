@@ -452,7 +452,7 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     excited = {compare: pair.excited() for compare, pair in pairs.items()}
     before = {compare: pair.disagreement() for compare, pair in pairs.items()}
     is_suspicious = any((before[compare][excited[compare]] > pair.suspicious).any() for compare, pair in pairs.items())
-    best, best_gain = None, 0.0
+    best, best_gain = None, -_TIE
     for fault in faults(grid.signals):
         if not (is_suspicious or fault.is_frame):
             continue
@@ -469,7 +469,7 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
                 is_gross or (fault.is_frame and _is_other_frame(pairs[compare], repaired))
             ):
                 max_change, candidate = float(change[axis]), (fault, pairs[compare], axis)
-        if candidate is not None and gain > best_gain + (_TIE if best is not None else 0.0):
+        if candidate is not None and gain > best_gain + _TIE:
             best, best_gain = candidate, gain
     return best
 
@@ -507,8 +507,9 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> ClockSh
         errors = _shift_errors(measured, expected, first, first + count, max_shift)
         lead = _refined_minimum(errors)
         if lead is not None and errors.min() < _MAX_CLOCK_ERROR * np.sum(measured[first : first + count] ** 2):
-            # The sum of squared errors has the minimum E and the second derivative E''. With independent errors of
-            # variance σ², the variance of its place is 2 σ² / E''. Errors of overlapping windows are not independent.
+            # If the second derivative of the sum of squared errors is E'' and the errors are independent with the
+            # variance σ², the variance of the lag is 2 σ² / E''. Here, overlapping windows have dependent errors, so
+            # the variance is multiplied by the number of windows that overlap.
             variance = grid.num_steps(_ROTATION_WINDOW) * errors.min() / measured[first : first + count].size
             index = int(np.argmin(errors))
             curvature = errors[index - 1] - 2.0 * errors[index] + errors[index + 1]

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import join_names
 from drake_quad.logs.attitudes import rotation_matrices
 
 GRAVITY = 9.81  # m/s²
@@ -117,9 +116,9 @@ def faults(signals: _Signals) -> Iterator[Fault]:
             text = f"the sign of {signal} looks wrong{where}"
             if signs == _HALF_TURN:
                 text += f", as if it were in {'FRD' if signal in _BODY_SIGNALS else 'NED'}"
-            yield Fault((signal,), text, _scaled(signal, np.array(signs)), len(wrong))
+            yield Fault((signal,), text, _scaled((signal,), np.array(signs)), len(wrong))
         for factor, description in _WRONG_UNITS[signal].items():
-            yield Fault((signal,), f"{signal} looks as if {description}", _scaled(signal, factor))
+            yield Fault((signal,), f"{signal} looks as if {description}", _scaled((signal,), factor))
         if signal in _WORLD_SIGNALS:
             for signs, description in _SWAPS.items():
                 yield Fault((signal,), f"{signal} looks as if {description}", _swapped(signal, np.array(signs)))
@@ -133,26 +132,22 @@ def _common_faults(signals: _Signals) -> Iterator[Fault]:
     """Yield the possible faults whose repair needs the attitude, or changes several signals."""
     groups = [tuple(name for name in group if name in signals) for group in (_WORLD_SIGNALS[:2], _WORLD_SIGNALS)]
     for known in dict.fromkeys(group for group in groups if len(group) > 1):
-        text = f"{join_names(list(known))} look as if NED were taken for NWU"
-        yield Fault(known, text, _all_scaled(known, np.array(_HALF_TURN)), 2)
+        text = f"{' and '.join(known)} look as if NED were taken for NWU"
+        yield Fault(known, text, _scaled(known, np.array(_HALF_TURN)), 2)
     known = tuple(name for name in AXES if name in signals)
     text = "the samples look as if they were in reverse order"
     yield Fault(known, text, lambda logged: {name: logged[name][::-1] for name in known}, 3)
     if "attitude" not in signals:
         return
     text = "all signals look as if NED and FRD were taken for NWU and FLU"
-    yield Fault(known, text, _all_scaled(known, np.array(_HALF_TURN)), 2)
+    yield Fault(known, text, _scaled(known, np.array(_HALF_TURN)), 2)
     for signal, frame in _WRONG_FRAMES.items():
         if signal in signals:
             text = f"{signal} looks as if it were along {frame} axes"
             yield Fault((signal,), text, _turned(signal, frame), 0, is_frame=True)
 
 
-def _scaled(signal: str, factor: np.ndarray | float) -> Callable[[_Signals], dict[str, np.ndarray]]:
-    return lambda signals: {signal: signals[signal] * factor}
-
-
-def _all_scaled(names: tuple[str, ...], factor: np.ndarray) -> Callable[[_Signals], dict[str, np.ndarray]]:
+def _scaled(names: tuple[str, ...], factor: np.ndarray | float) -> Callable[[_Signals], dict[str, np.ndarray]]:
     return lambda signals: {name: signals[name] * factor for name in names}
 
 

@@ -687,7 +687,7 @@ def test_position_and_velocity_in_ned_are_recognised_together():
     clean = flight()
     ned = {name: clean[name] * HALF_TURN for name in ("position", "velocity")}
     (remark,) = found(ned)
-    assert remark.endswith("position, velocity look as if NED were taken for NWU")
+    assert remark.endswith("position and velocity look as if NED were taken for NWU")
 
 
 def test_samples_in_reverse_order_are_recognised():
