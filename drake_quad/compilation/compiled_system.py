@@ -197,7 +197,7 @@ class CompiledSystem(LeafSystem):
                     count -= 1
             if count:
                 state = values.get_mutable_value(self._state)
-                if length == 1:  # the table and the log of events of one kind need no copy
+                if length == 1:  # the table and the log of a single kind of event need no copy
                     log = self._run(
                         cycle, context, state, self._table(cycle.shared[0], cycle.instants, first, count, 1)
                     )
