@@ -31,8 +31,8 @@ _MIN_LOGGED_FRACTION = 0.75
 # commands between the samples of a log are missing. The bias of the estimated delay is negligible.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # Two signals have the same clock if the standard deviation of the time shift between them, apart from its error due to
-# noise, is at most this value, in s. It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms
-# in radio logs with two clocks.
+# noise, is at most this value, in s. It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26
+# ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4  # smallest number of parts of a log from which the standard deviation of the shift is computed
 # Sampling period to which on-board signals are averaged, s: half of the time constant of a small motor, and longer than
