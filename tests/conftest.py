@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import hypothesis
 import pytest
 from PIL import Image
 from repository_guard import RepositoryGuard
@@ -23,6 +24,10 @@ from drake_quad.framework import result_cache
 from drake_quad.scenario.models import REGISTRIES
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
+
+# A busy machine must not fail a test.
+hypothesis.settings.register_profile("without time limit", deadline=None)
+hypothesis.settings.load_profile("without time limit")
 
 _ROOT = Path(__file__).parent.parent
 # The slowest test files. They start first, so that no worker process is still busy with one when all others are done.

@@ -111,7 +111,7 @@ def test_functions_of_two_arguments_are_accurate():
 INTEGERS = st.integers(0, 2**52 - 1) | st.integers(0, 9)  # whole numbers that a float represents exactly
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(INTEGERS, INTEGERS)
 def test_words_have_the_arithmetic_of_64_bit_integers(x, y):
     """Sums, products, shifts and bitwise operations of 64-bit words are computed modulo 2**64."""
@@ -190,7 +190,7 @@ def expressions_of(inside):
 
 
 @pytest.mark.long
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.recursive(LEAF_EXPRESSIONS, expressions_of, max_leaves=12), st.integers(0, 2**32 - 1))
 @example("arctan2(maximum(0.0, -0.0 / (1.0 + abs(x))) + 0.0, x)", 1)
 def test_random_expressions_agree_with_numpy(text, seed):

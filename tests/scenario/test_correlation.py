@@ -232,7 +232,7 @@ def normals(distributions):
     return {name: Normal.model_validate(each) for name, each in distributions.items()}
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(count=st.integers(1, 10), rank=st.integers(1, 12), seed=st.integers(0, 2**31))
 def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
     """For any rank and units, variances agree to rounding errors, and variances of weighted sums to 2 %."""

@@ -34,7 +34,6 @@ def fuzz_settings(fraction):
         max_examples=round(fraction * int(NUM_CASES or 70)),
         derandomize=not NUM_CASES,
         database=None,
-        deadline=None,
         print_blob=True,
         suppress_health_check=list(HealthCheck),
     )

@@ -97,7 +97,7 @@ gaps = st.one_of(st.just(0.0), st.floats(1.0, 10.0).flatmap(lambda f: st.integer
 
 
 @pytest.mark.long
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(sizes, st.sampled_from((-1.0, 0.0, 1.0)), gaps, gaps, st.sampled_from((1.0, 0.01, 1e-3)))
 @example(1e-3, 0.0, 0.0, 1e-3, 0.01)
 @example(0.95163, -1.0, 1.7e-3, 1.6e-3, 1.0)
@@ -122,7 +122,7 @@ def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_th
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(sizes, sizes)
 def test_a_spread_is_rounded_up_by_less_than_a_tenth(value, spread):
     texts = [plus_minus(value, spread), spread_text(spread)]
