@@ -21,7 +21,7 @@ from drake_quad.errors import InputError, short_repr
 from drake_quad.files import write_table
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.files.saving import save_scenario
-from drake_quad.studies.risk import DEFAULT_PERIOD, Event, Risk, estimate_risk
+from drake_quad.studies.risk import DEFAULT_HALF_WIDTH, DEFAULT_PERIOD, Event, Risk, estimate_risk
 from drake_quad.visualization.risk_plots import plot_coordinates, plot_exceedance
 from drake_quad.visualization.style import save_figures
 
@@ -40,9 +40,10 @@ def options() -> argparse.ArgumentParser:
     )
     result.add_argument(
         "--to",
-        default="30%",
+        default=f"{DEFAULT_HALF_WIDTH:.0%}",
         metavar="PERCENT",
-        help="half-width of the 95 %% interval, relative to the estimate, at which the estimation ends (default: 30%%)",
+        help="half-width of the 95 %% interval, relative to the estimate, at which the estimation ends (default:"
+        " %(default)s)",
     )
     result.add_argument(
         "--flights",

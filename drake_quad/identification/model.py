@@ -138,7 +138,7 @@ def step(
     """
     h = span.span
     parameters, effects, response = model_parameters
-    target = _target(rotors, command, span, model_parameters)
+    target = steady_rotor_speed(command, span, model_parameters)
     after: Any
     if response is None:
         before = VehicleState(body, rotors)
@@ -170,14 +170,9 @@ def rotors_after(
     rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters
 ) -> RotorSpeed:
     """Return the rotor speeds at the end of an integration step, after their first-order lag."""
-    target = _target(rotors, command, span, model_parameters)
+    target = steady_rotor_speed(command, span, model_parameters)
     lags = decay_factors(rotors, target, span.span, model_parameters.parameters, model_parameters.effects.spin_down)
     return lagged_speeds(rotors, target, lags)
-
-
-def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters) -> RotorSpeed:
-    """Return the steady-state rotor speeds under a constant command."""
-    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, model_parameters)
 
 
 def specific_force(
@@ -192,7 +187,7 @@ def specific_force(
 ) -> SpecificForce:
     """Return the specific force that an ideal accelerometer at the centre of mass measures."""
     parameters, effects, response = model_parameters
-    rotor_inputs = rotor_state(rotors, _target(rotors, command, span, model_parameters), parameters, effects)
+    rotor_inputs = rotor_state(rotors, steady_rotor_speed(command, span, model_parameters), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     rates = accelerations(axes, motion, None, body.z, rotor_inputs, wind, parameters, effects).motion
@@ -207,11 +202,9 @@ def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
 
-def _target(
-    rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters
-) -> RotorSpeed:
-    """Return the speeds that the rotors approach. At a given throttle, they are proportional to the voltage."""
-    state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
+def steady_rotor_speed(command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters) -> RotorSpeed:
+    """Return the rotor speeds in the steady state. At a given throttle, they are proportional to the voltage."""
+    state = VehicleState(State(*(0.0,) * NUM_BODY), RotorSpeed(*(0.0,) * NUM_ROTORS))
     target = rotor_target(state, command, model_parameters.parameters, None, model_parameters.effects, 0.0)
     return RotorSpeed(*(span.voltage * speed for speed in target))
 
@@ -333,7 +326,9 @@ class LogModel:
         inputs = body, rotors, command, attitude, wind, disturbance, span, self.layout, frame
         self.step = kernel(step, inputs, (body, rotors), single_vehicle=False)
         self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), single_vehicle=False)
-        self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), single_vehicle=False)
+        self.steady_rotor_speed = kernel(
+            steady_rotor_speed, (command, span, self.layout), (rotors,), single_vehicle=False
+        )
         without_attitude = body, rotors, command, wind, disturbance, span, self.layout, frame
         self.specific_force = kernel(specific_force, without_attitude, (force,), single_vehicle=False)
         self.measured_attitude = kernel(measured_attitude, (attitude, attitude), (attitude,), single_vehicle=False)
@@ -477,7 +472,7 @@ class ModelFlight:
         self._command = np.empty((inputs.commands.shape[1], count, windows))
         self._span, self._wind = np.empty((2, count, windows)), np.empty((3, count, windows))
         self._read_inputs()
-        self._run(model.rotors_at_rest, self._rotors, self._rotor_command, self._span)
+        self._run(model.steady_rotor_speed, self._rotors, self._rotor_command, self._span)
         for _ in range(warm_up):
             self._run(model.rotors_after, self._rotors, self._rotors, self._rotor_command, self._span)
             self._next()

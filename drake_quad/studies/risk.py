@@ -44,6 +44,8 @@ _STEP_PROBABILITY = 0.1  # conditional probability of each step of subset simula
 # floating-point number below zero.
 _PERFORMANCE_AT_BOUND = -5e-324
 DEFAULT_PERIOD = 1.0
+# Half-width of the interval, relative to the estimate, at which an estimation ends.
+DEFAULT_HALF_WIDTH = 0.3
 """Default length of the periods whose noise is drawn separately, s."""
 
 
@@ -173,7 +175,7 @@ def estimate_risk(
     scenario: Scenario,
     event: Event | str,
     *,
-    half_width: float = 0.3,
+    half_width: float = DEFAULT_HALF_WIDTH,
     max_flights: int = 200_000,
     size: int = 1000,
     noise_period: float = DEFAULT_PERIOD,

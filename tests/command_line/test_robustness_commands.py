@@ -1,5 +1,6 @@
 """Tests of commands that estimate risks, search for worst cases, and attribute variances."""
 
+import inspect
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ from drake_quad import load_scenario, simulate
 from drake_quad.command_line import risk
 from drake_quad.command_line.main import command_module
 from drake_quad.files import read_table
+from drake_quad.studies.risk import estimate_risk
 
 MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 HOVER = ("hover", "--set", "duration=0.3", "--set", MASS_DISTRIBUTION)
@@ -30,6 +32,11 @@ def test_risk_prints_the_probability_and_writes_scenarios_that_fly(run, tmp_path
     worst = load_scenario(tmp_path / "worst_1.yaml")
     assert worst.noise.period == 1.0
     assert f"drake-quad fly {tmp_path / 'worst_1.yaml'}" in result.stdout
+
+
+def test_an_estimation_ends_at_30_per_cent_by_default():
+    assert risk.options().parse_args(["hover"]).to == "30%"
+    assert inspect.signature(estimate_risk).parameters["half_width"].default == 0.3
 
 
 @pytest.mark.long

@@ -29,7 +29,10 @@ def delayed_hover(*overrides):
 @pytest.fixture(scope="module")
 def certificate():
     mass = f"vehicle.mass={{uniform: {{min: {0.95 * 0.68}, max: {1.05 * 0.68}}}}}"
-    return certify_hover(delayed_hover(mass, UNCERTAIN_LAG))
+    counts = []
+    result = certify_hover(delayed_hover(mass, UNCERTAIN_LAG), progress=lambda count, step: counts.append(count))
+    assert sum(counts) == result.num_loops
+    return result
 
 
 def poles_at(numbers):

@@ -525,3 +525,12 @@ def test_a_project_contains_only_the_template_lines_that_apply_to_its_code(hover
     assert ("finite_or" in without_reference, "finite_or" in with_reference) == (True, False)
     assert ("mine_reference(" in without_reference, "mine_reference(" in with_reference) == (False, True)
     assert "#ifndef BOARD_H" in project_files("arduino", hover_code)["mine_sketch/board.h"]
+
+
+def test_only_a_ros2_project_that_commands_an_attitude_depends_on_mavros(hover_code):
+    description = hover_code.description
+    for outputs, expected in (({"wrench": 4}, False), ({"attitude_target": 7}, True)):
+        code = hover_code._replace(description=dataclasses.replace(description, outputs=outputs))
+        files = project_files("ros2", code)
+        dependent = [path for path in ("CMakeLists.txt", "package.xml") if "mavros_msgs" in files[path]]
+        assert dependent == (["CMakeLists.txt", "package.xml"] if expected else [])

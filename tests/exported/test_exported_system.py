@@ -149,6 +149,7 @@ def test_a_controller_reads_the_true_state_if_its_code_has_this_input(tmp_path, 
 
 FAKE_EMULATOR = """#!{python}
 import sys
+import time
 with open("requests", "rb", buffering=0) as requests, open("responses", "wb", buffering=0) as responses:
     for count in (800, 80):
         request = requests.read({num_bytes})
@@ -156,6 +157,7 @@ with open("requests", "rb", buffering=0) as requests, open("responses", "wb", bu
         outputs = inputs[:{num_output_bytes}]
         # The response arrives in two parts.
         responses.write(outputs)
+        time.sleep({delay})
         responses.write(state[::-1] + count.to_bytes(4, "little"))
 sys.exit("the board has no more steps")
 """
@@ -172,6 +174,7 @@ def test_a_board_exchanges_states_and_outputs_with_its_emulator(folder, tmp_path
         num_bytes=num_state_bytes + num_input_bytes,
         num_state_bytes=num_state_bytes,
         num_output_bytes=num_output_bytes,
+        delay=0.6,  # s, longer than one wait for an answer
     )
     for name, program in ((CROSS_COMPILER, "#!/bin/sh\n"), (EMULATOR, emulator)):
         (tmp_path / name).write_text(program)

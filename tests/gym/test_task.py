@@ -34,6 +34,7 @@ def test_action_fields_can_be_arrays_and_invalid_actions_are_reported():
     for action, words in (
         ({"kind": "rates", "max_rates": "fast"}, "control.action.max_rates is 'fast', but must be a list"),
         ({"kind": "torques"}, "control.action.kind is 'torques', but must be one of"),
+        ({"kind": ["rates"]}, "control.action.kind is .*, but must be one of"),
         ({"max_acceleration": [1.0, 1.0, 1.0]}, "control.action.kind is missing"),
         ({"kind": "acceleration", 3: 4}, "control.action"),
     ):

@@ -19,8 +19,8 @@ from drake_quad.identification.model import (
     WindowInputs,
     relative_voltage,
     rotors_after,
-    rotors_at_rest,
     specific_force,
+    steady_rotor_speed,
     step,
 )
 from drake_quad.identification.results.vehicle_values import with_throttles
@@ -107,7 +107,7 @@ def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, 
         result,
         step(STATE, SPEEDS, command, LEVEL, STILL, NO_DISTURBANCE, Span(h, 1.0), model_parameters, "world")[1],
     )
-    assert rotors_at_rest(command, Span(h, 1.0), model_parameters) == pytest.approx(command)
+    assert steady_rotor_speed(command, Span(h, 1.0), model_parameters) == pytest.approx(command)
 
 
 def test_constant_throttles_give_the_thrust_of_the_curve(scenario):
@@ -115,7 +115,7 @@ def test_constant_throttles_give_the_thrust_of_the_curve(scenario):
     model_parameters = ModelParameters(vehicle_parameters(vehicle), vehicle.effect_parameters(), None)
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
     k_0, k_1, k_2 = vehicle.motors.curve
-    thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), model_parameters))
+    thrusts = vehicle.thrust_factor * np.square(steady_rotor_speed(throttles, Span(PERIOD, 1.0), model_parameters))
     fractions = np.array(throttles)
     np.testing.assert_allclose(thrusts, k_0 + k_1 * fractions + k_2 * fractions**2)
 
@@ -125,7 +125,9 @@ def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
     vehicle = (with_throttles(scenario) if throttles else scenario).vehicle
     model_parameters = ModelParameters(vehicle_parameters(vehicle), vehicle.effect_parameters(), None)
     command = Throttle(0.3, 0.4, 0.5, 0.6) if throttles else SPEEDS
-    full, low = (np.array(rotors_at_rest(command, Span(PERIOD, voltage), model_parameters)) for voltage in (1.0, 0.9))
+    full, low = (
+        np.array(steady_rotor_speed(command, Span(PERIOD, voltage), model_parameters)) for voltage in (1.0, 0.9)
+    )
     np.testing.assert_allclose(low, 0.9 * full)
 
 

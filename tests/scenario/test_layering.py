@@ -199,6 +199,12 @@ def test_gravity_and_integration_settings_remain_when_the_vehicle_is_replaced(lo
     assert mixed.vehicle.linear_drag == 0.0
 
 
+def test_the_kind_of_an_autopilot_in_a_lower_layer_must_be_a_name(load):
+    other_scenarios = f"{X500_SCENARIO}\nlisted:\n  laboratory: {{autopilot: {{kind: [attitude]}}}}\n"
+    with pytest.raises(InputError, match=r"laboratory.autopilot.kind is .*, but must be one of"):
+        load("hover", "listed", "x500", other_scenarios=other_scenarios)
+
+
 def test_an_identified_response_is_replaced_together_with_its_vehicle(load):
     assert (
         load(

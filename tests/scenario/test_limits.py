@@ -464,8 +464,9 @@ def test_a_flight_with_too_many_ticks_is_refused_when_it_is_loaded(write, overri
 
 
 def test_a_flight_with_too_many_ticks_is_refused_after_planning(write):
-    shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIOD_OVERRIDES]
-    scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *shortest_periods])
+    short_step = ["vehicle.time_step=0.0001"]
+    short_step += [f"laboratory.{name}.period=0.0128" for name in ("command_link", "motion_capture")]
+    scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *short_step])
     with pytest.raises(InputError, match=r"the flight would take .* s, but must take at most 1000 s, which is 10,000,"):
         flight_duration(scenario, plan_route(scenario))
 

@@ -565,6 +565,17 @@ def test_the_trial_of_user_systems_flies_sample_0_with_at_most_two_other_samples
     assert (job.num_vehicles, job.key) == (size, "key, trial")
 
 
+@pytest.mark.long
+def test_a_study_without_user_systems_flies_no_trial(monkeypatch):
+    trials = []
+    monkeypatch.setattr(run_module, "_check_repeatability", lambda pool, job: trials.append(job))
+    run(num_samples=1)
+    run_monte_carlo(load_scenario("hover", ["duration=0.1"], layers=["controllers/lqg:lqg"]), 1, num_workers=1)
+    assert trials == []
+    run_monte_carlo(uncompiled_scenario(), 1, 5, num_workers=1, batch_size=5, wind=TimeVaryingWind)
+    assert len(trials) == 1
+
+
 @pytest.mark.parametrize(
     ("rmse", "words"),
     [
