@@ -274,9 +274,9 @@ def with_commands(record: FlightRecord, scenario: Scenario, nominal: Scenario) -
 def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
     """Return the battery voltage (n,), averaged over a tenth of a second, divided by `LogModel.voltage`.
 
-    The result is 1 if no voltage is logged, or if the rotors are commanded by speed.
+    The result is 1 if no voltage is logged, or if the rotor speed does not depend on the voltage.
     """
-    if record.battery_voltage is None or not model.takes_throttles or model.voltage is None:
+    if record.battery_voltage is None or model.voltage is None:
         return np.ones(len(record.time))
     width = max(1, round(_VOLTAGE_WINDOW / record.period)) // 2 * 2 + 1
     padded = np.pad(record.battery_voltage, width // 2, mode="edge")
@@ -299,7 +299,8 @@ class LogModel:
         names: names of the parameters, as in `Estimates`, and `DELAY`.
         frame: axes along which the disturbing force is constant during a step.
         delay: delay if it is not a parameter, s.
-        voltage: voltage of the battery for which the thrust curve holds, V; None if the thrust does not depend on it.
+        voltage: voltage at which the rotors reach their commanded speed, or for which the thrust curve holds, V; None
+            if the rotor speed does not depend on the voltage.
     """
 
     def __init__(

@@ -81,19 +81,21 @@ class PreparedLogs(NamedTuple):
 
     @property
     def voltage(self) -> float | None:
-        """Voltage for which the thrust curve holds, V.
+        """Voltage at which the rotors reach their commanded speed, or for which the thrust curve holds, V.
 
         The voltage is `motors.voltage` of the vehicle. If this is not set, it is the voltage of the full battery, or
-        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no motor throttles,
-        or if a log lacks the voltage.
+        the median voltage in the logs if the vehicle has no battery. It is None if a log lacks the voltage, or if
+        rotors are commanded by speed and the vehicle has no battery.
         """
-        if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
+        if any(record.battery_voltage is None for record in self.records):
             return None
         vehicle: Any = self.scenario.vehicle
-        if vehicle.motors.voltage is not None:
+        if self.has_motor_throttles and vehicle.motors.voltage is not None:
             return float(vehicle.motors.voltage)
         if vehicle.battery is not None:
             return float(vehicle.battery.voltage)
+        if not self.has_motor_throttles:
+            return None
         voltages = [
             record.of("battery_voltage")[usable] for record, usable in zip(self.records, self.flying, strict=True)
         ]

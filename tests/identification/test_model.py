@@ -143,8 +143,9 @@ def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_divided_by_the_thr
     inside = slice(50, -50)
     error = (12.0 * result - ramp)[inside]
     assert abs(error.std() / (0.1 / np.sqrt(11)) - 1.0) < 0.1
-    # Rotors that are commanded by speed, and logs without a voltage, have a relative voltage of one.
-    for record, other in ((log, LogModel(scenario, (), voltage=12.0)), (uneven_record(), model)):
+    # The voltage also matters to rotors that are commanded by speed, if the vehicle has a battery.
+    np.testing.assert_array_equal(relative_voltage(log, LogModel(scenario, (), voltage=12.0)), result)
+    for record, other in ((log, LogModel(scenario, ())), (uneven_record(), model)):
         np.testing.assert_array_equal(relative_voltage(record, other), 1.0)
 
 
