@@ -26,13 +26,13 @@ _ROUNDING = 1e-6  # largest rounding error of a time, in ticks
 
 
 class CrazyflieController:
-    """Flight controller of one vehicle with the PID controller of the Crazyflie's firmware.
+    """Flight controller of one vehicle with a controller of the Crazyflie's firmware.
 
     The inputs are the rows of a `FlightControllerInput`. The outputs are the scaled commands of the rotors. The
     firmware commands thrusts, which are proportional to squared rotor speeds.
 
     Args:
-        options: options of the flight controller.
+        options: options of the flight controller. The settings are the names of the controller and of the estimator.
         vehicle: number of the vehicle in the fleet.
         inputs: inputs at the start of the flight.
 
@@ -53,7 +53,7 @@ class CrazyflieController:
             turns_advice="change rotor_1_turns in nominal.layout",
         )
         self._process = LockstepProcess(
-            [sys.executable, str(Path(__file__).with_name("server.py"))],
+            [sys.executable, str(Path(__file__).with_name("server.py")), *options.settings],
             _NAME,
             environment={"PYTHONPATH": str(_bindings_folder()), "PYTHONDONTWRITEBYTECODE": "1"},
         )
@@ -72,12 +72,9 @@ class CrazyflieController:
         self._time += self._options.period
         ticks = math.floor(self._time / _TICK + _ROUNDING) - self._ticks
         self._ticks += ticks
-        w, x, y, z = given.q_w, given.q_x, given.q_y, given.q_z
-        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        motion = *given[:10], given.x, given.y, given.z
         commands = given.roll, given.pitch, given.yaw_rate, self._thrust(given.motor)
-        self._process.send(REQUEST.pack(ticks, self._options.mode == "acro", *given[:6], roll, pitch, yaw, *commands))
+        self._process.send(REQUEST.pack(ticks, self._options.mode == "acro", *motion, *commands))
 
     def receive(self) -> tuple[float, ...]:
         """Return the (4,) scaled commands of rotors 1 to 4 at the end of a step.

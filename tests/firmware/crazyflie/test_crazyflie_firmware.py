@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_quad import load_scenario, simulate, simulate_samples
 from drake_quad.errors import InputError
@@ -29,10 +30,11 @@ def bindings(request, monkeypatch):
     return request.param
 
 
-def scenario(mode="angle", overrides=None):
+def scenario(mode="angle", overrides=None, **autopilot):
     hover = {"route": {"kind": "hover", "position": [0.0, 0.0, 1.0], "yaw": 0.7}, "duration": 4.0}
     layers = ["vehicles/crazyflie", f"firmware/crazyflie:{mode}"]
-    return load_scenario("laboratory:nominal", [hover, overrides or {}], layers=layers)
+    given = {"laboratory": {"autopilot": autopilot}} if autopilot else {}
+    return load_scenario("laboratory:nominal", [hover, given, overrides or {}], layers=layers)
 
 
 @pytest.mark.long
@@ -44,6 +46,37 @@ def test_the_vehicle_hovers_and_flights_repeat(mode):
     assert flights[0].metrics.rmse < 0.02
     assert abs(flights[0].record("state").yaw[-1] - 0.7) < 0.02
     np.testing.assert_array_equal(flights[0]["state"], flights[1]["state"])
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("bindings")
+@pytest.mark.parametrize(("controller", "estimator"), [("pid", "kalman"), ("mellinger", "none"), ("lee", "kalman")])
+def test_the_vehicle_hovers_with_each_controller_and_the_kalman_filter(controller, estimator):
+    flight = simulate(scenario(stabilizer_controller=controller, stabilizer_estimator=estimator))
+    assert not flight.metrics.crashed
+    assert flight.metrics.rmse < 0.02
+    assert abs(flight.record("state").yaw[-1] - 0.7) < 0.02
+    with_pid = simulate(scenario())
+    assert not np.array_equal(flight["rotor_speed_command"], with_pid["rotor_speed_command"])
+
+
+def test_only_the_pid_flies_in_acro_mode():
+    with pytest.raises(InputError, match="stabilizer_controller is 'lee', but must be pid in the mode acro"):
+        scenario("acro", stabilizer_controller="lee")
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("bindings")
+def test_a_bias_of_the_gyroscope_tilts_the_estimate_of_the_kalman_filter():
+    """Between poses the filter integrates the biased rate, so that the vehicle drifts in the direction of the bias."""
+    sensors = [
+        {"kind": "gyroscope", "period": 0.00125, "bias": [0.5, 0.0, 0.0]},
+        {"kind": "accelerometer", "period": 0.00125},
+    ]
+    biased = simulate(scenario(overrides={"laboratory": {"sensors": sensors}}, stabilizer_estimator="kalman"))
+    exact = simulate(scenario(stabilizer_estimator="kalman"))
+    assert not biased.metrics.crashed
+    assert biased.metrics.rmse > 2.0 * exact.metrics.rmse
 
 
 @pytest.mark.long
@@ -99,12 +132,14 @@ def test_angles_and_rates_reach_the_controller_in_degrees_and_in_its_axes(monkey
     monkeypatch.setattr(bindings, "controllerPid", controller)
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     monkeypatch.setenv("LOCKSTEP_SOCKET", str(there.detach()))
+    monkeypatch.setattr(sys, "argv", ["server.py", "pid", "none"])
     program = threading.Thread(target=server.main)
     program.start()
     with here:
         here.settimeout(10.0)
-        numbers = np.radians([1, 2, 3, 0, 0, 0, 10, 20, 30, 4, 5, 6, 0])
-        numbers[3:6], numbers[12] = [9.81, 19.62, 29.43], 0.5
+        x, y, z, w = Rotation.from_euler("ZYX", [30, 20, 10], degrees=True).as_quat()
+        force, pose, commands = [9.81, 19.62, 29.43], [w, x, y, z, 1.0, 2.0, 3.0], [*np.radians([4, 5, 6]), 0.5]
+        numbers = [*np.radians([1, 2, 3]), *force, *pose, *commands]
         here.recv(server.REPLY.size)
         here.send(server.REQUEST.pack(2, False, *numbers))
         here.recv(server.REPLY.size)
