@@ -43,12 +43,10 @@ class TrueAttitude:
 
     def update(self, tick: int, sensors: Any, quaternion: tuple[float, ...], position: tuple[float, ...]) -> None:
         """Advance `state` to a tick, given the readings of the inertial sensors and the pose."""
-        w, x, y, z = quaternion
         attitude, stored = self.state.attitude, self.state.attitudeQuaternion
         stored.w, stored.x, stored.y, stored.z = quaternion
-        attitude.roll = math.degrees(math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
-        attitude.pitch = -math.degrees(math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)))
-        attitude.yaw = math.degrees(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        roll, pitch, yaw = map(math.degrees, _angles(*quaternion))
+        attitude.roll, attitude.pitch, attitude.yaw = roll, -pitch, yaw
 
 
 class KalmanFilter:
@@ -92,13 +90,21 @@ class KalmanFilter:
 
     def _start(self, tick: int, quaternion: tuple[float, ...], position: tuple[float, ...]) -> None:
         """Initialise the filter at the position and the yaw of the vehicle."""
-        w, x, y, z = quaternion
         parameters = self._parameters
         self._firmware.kalmanCoreDefaultParams(parameters)
         parameters.initialX, parameters.initialY, parameters.initialZ = position
-        parameters.initialYaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        _, _, parameters.initialYaw = _angles(*quaternion)
         self._firmware.kalmanCoreInit(self._filter, parameters, tick)
         self._starts = False
+
+
+def _angles(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a unit quaternion, rad."""
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
 
 
 class Controller:
@@ -111,14 +117,11 @@ class Controller:
 
     def __init__(self, firmware: Any, name: str) -> None:
         self._control = firmware.control_t()
-        function = getattr(firmware, f"controller{name.capitalize()}")
-        self._function = function
-        if name == "pid":
-            firmware.controllerPidInit()
-            self._memory: tuple[Any, ...] = ()
-        else:
-            self._memory = (getattr(firmware, f"controller{name.capitalize()}_t")(),)
-            getattr(firmware, f"controller{name.capitalize()}Init")(*self._memory)
+        function = f"controller{name.capitalize()}"
+        self._function = getattr(firmware, function)
+        # The PID controller keeps its state in global variables.
+        self._memory = () if name == "pid" else (getattr(firmware, f"{function}_t")(),)
+        getattr(firmware, f"{function}Init")(*self._memory)
 
     def command(self, setpoint: Any, sensors: Any, state: Any, tick: int) -> Any:
         """Return the firmware's `control_t` at a tick."""
