@@ -10,11 +10,20 @@ The instructions compute exactly the arithmetic of the formula: sums are not reo
 they are added. A vehicle therefore has the same results alone, in a fleet, and on any processor.
 `drake_quad.framework.scheduling` determines the order of the instructions.
 
-A `Branch` becomes a separate function, which is called if at least one vehicle of the vector needs it:
+A `Branch` becomes a separate function, which is called if at least one vehicle of the vector needs it. The lines that
+select its results or other rows are part of the conditional code, so that they take no time if no vehicle needs it:
 
+    test_16:
     %v15_lanes = bitcast <8 x i1> %v15 to i8
     %v16_any = icmp ne i8 %v15_lanes, 0
     br i1 %v16_any, label %needed_16, label %beyond_16
+    needed_16:
+    ...
+    %v16_0 = load <8 x double>, ptr %v16_result_0, align 8
+    %v17_selected = select <8 x i1> %v15, <8 x double> %v16_0, <8 x double> %v3
+    br label %beyond_16
+    beyond_16:
+    %v17 = phi <8 x double> [ %v17_selected, %needed_16 ], [ %v3, %test_16 ]
 
 A layer of a network becomes a function with a loop over blocks of rows, which contains a loop over the columns.
 """
@@ -128,7 +137,9 @@ def function(
             before the first row is written. Otherwise a row is written as soon as its new value is computed and its old
             value is no longer needed.
     """
-    order = schedule(listing)
+    selections = _selections(listing)
+    selected = {each.line for group in selections.values() for each in group}
+    order = schedule(listing, _operands_of_branches(listing, selections))
     position = {line: k for k, line in enumerate(order)}
     # Position, in the schedule, of the last operation that reads each row.
     last_reads: dict[tuple[str, int], int] = {}
@@ -144,9 +155,11 @@ def function(
         due[max(position[store.symbol.line], free)].append((count, store))
     names: dict[int, str] = {}
     lines: list[str] = []
-    calls = _Calls(head.split("(")[0], lanes)
+    calls = _Calls(head.split("(")[0], lanes, selections)
     for k, number in enumerate(order):
-        if listing.operations[number].called_part is None:
+        if number in selected:
+            names[number] = f"%v{number}"  # written together with its branch
+        elif listing.operations[number].called_part is None:
             names[number] = _write_operation(lines, names, listing, number, sources, shared, lanes)
         else:
             names[number] = calls.append_call(lines, names, listing, number)
@@ -166,22 +179,74 @@ def function(
 _BLOCK_ROWS = 8
 
 
+class _Selection(NamedTuple):
+    """Line that selects the result of a branch for vehicles that need the branch, and another row for all others.
+
+    Attributes:
+        line: number of the line.
+        row: index of the result of the branch.
+        otherwise: number of the line with the other row.
+    """
+
+    line: int
+    row: int
+    otherwise: int
+
+
+_Call = tuple[Branch | SymbolLayer | Function, tuple[int, ...]]
+"""Called part and its operands."""
+
+
+def _selections(listing: Listing) -> dict[_Call, list[_Selection]]:
+    """Return, for each call of a branch, the lines that select its results with the mask of the branch.
+
+    Lines whose other row follows the first line of the call are left out, since this row could depend on the results.
+    """
+    first: dict[_Call, int] = {}
+    found: dict[_Call, list[_Selection]] = defaultdict(list)
+    for line, operation in enumerate(listing.operations):
+        if operation.called_part is not None and isinstance(operation.called_part[0], Branch):
+            first.setdefault((operation.called_part[0], operation.operands), line)
+        elif operation.name == "select":
+            mask, chosen, otherwise = operation.operands
+            source, other = listing.operations[chosen], listing.operations[otherwise]
+            if source.called_part is None or not isinstance(source.called_part[0], Branch):
+                continue
+            part, row = source.called_part
+            call = part, source.operands
+            if source.operands[0] == mask and (otherwise < first[call] or other.name in LEAVES):
+                found[call].append(_Selection(line, row, otherwise))
+    return found
+
+
+def _operands_of_branches(listing: Listing, selections: Mapping[_Call, list[_Selection]]) -> dict[int, tuple[int, ...]]:
+    """Return the operands of each line of a branch, including the other rows of its selections."""
+    others = {call: tuple([each.otherwise for each in group]) for call, group in selections.items()}
+    return {
+        line: (*operation.operands, *others.get((operation.called_part[0], operation.operands), ()))
+        for line, operation in enumerate(listing.operations)
+        if operation.called_part is not None
+    }
+
+
 class _Calls:
     """Generator of functions for the branches and layers of a listing, and of the calls of these functions.
 
     Args:
         name: name of the calling function.
         lanes: number of vehicles in a vector.
+        selections: lines that select the results of branches, by call.
 
     Attributes:
         functions: LLVM code of the called functions.
     """
 
-    def __init__(self, name: str, lanes: int) -> None:
+    def __init__(self, name: str, lanes: int, selections: Mapping[_Call, list[_Selection]]) -> None:
         self.functions: list[str] = []
+        self._selections = selections
         self._name, self._lanes, self._rows = name, lanes, 0
         self._called: dict[Branch | SymbolLayer, str] = {}
-        self._results: dict[tuple[Branch | SymbolLayer, tuple[int, ...]], int] = {}
+        self._results: dict[_Call, int] = {}
 
     def memory(self) -> list[str]:
         """Return the LLVM lines that allocate memory for the arguments and results of calls."""
@@ -198,32 +263,45 @@ class _Calls:
         assert not isinstance(part, Function), "LLVM code contains the operations of elementary functions"
         first = self._results.setdefault((part, operation.operands), number)
         if first == number:
-            operand_names = [(names[line], listing.operations[line].kind) for line in operation.operands]
             if isinstance(part, Branch):
-                self._write_branch(lines, number, operand_names, part)
+                self._write_branch(lines, names, listing, number)
             else:
+                operand_names = [(names[line], listing.operations[line].kind) for line in operation.operands]
                 self._write_layer(lines, number, operand_names, part)
         return f"%v{first}_{row}"
 
-    def _write_branch(
-        self, lines: list[str], number: int, operand_names: Sequence[tuple[str, SymbolKind]], branch: Branch
-    ) -> None:
-        (mask, _), *arguments = operand_names
-        lanes = self._lanes
+    def _write_branch(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> None:
+        """Append the call of the branch on a line, and the lines that select its results."""
+        operation, lanes = listing.operations[number], self._lanes
+        branch, _ = operation.called_part or (None, 0)
+        assert isinstance(branch, Branch)
+        selections = self._selections.get((branch, operation.operands), ())
+        mask, *arguments = operation.operands
+        mask_type = _type(SymbolKind.TRUTH, lanes)
+        types = [_type(branch.operations[line].kind, lanes) for line in branch.results]
         lines += [
-            f"%v{number}_lanes = bitcast <{lanes} x i1> {mask} to i{lanes}",
+            f"br label %test_{number}",
+            f"test_{number}:",
+            f"%v{number}_lanes = bitcast {mask_type} {names[mask]} to i{lanes}",
             f"%v{number}_any = icmp ne i{lanes} %v{number}_lanes, 0",
             f"br i1 %v{number}_any, label %needed_{number}, label %beyond_{number}",
             f"needed_{number}:",
         ]
-        self._store_arguments(lines, number, arguments)
+        self._store_arguments(lines, number, [(names[line], listing.operations[line].kind) for line in arguments])
         # The function is marked as cold, so that LLVM keeps other values in registers on the path without the call.
+        lines.append(f"call void {self._function_of(branch, 'noinline cold')}(ptr %call_arguments, ptr %call_results)")
+        for line, row, otherwise in selections:
+            lines += _load_row(f"%v{line}_computed", Rows("%call_results", lanes), row, types[row])
+            operands = f"{mask_type} {names[mask]}, {types[row]} %v{line}_computed, {types[row]} {names[otherwise]}"
+            lines.append(f"%v{line}_selected = select {operands}")
+        lines += [f"br label %beyond_{number}", f"beyond_{number}:"]
         lines += [
-            f"call void {self._function_of(branch, 'noinline cold')}(ptr %call_arguments, ptr %call_results)",
-            f"br label %beyond_{number}",
-            f"beyond_{number}:",
+            f"%v{line} = phi {types[row]} [ %v{line}_selected, %needed_{number} ],"
+            f" [ {names[otherwise]}, %test_{number} ]"
+            for line, row, otherwise in selections
         ]
-        self._load_results(lines, number, [branch.operations[line].kind for line in branch.results])
+        # LLVM removes the loads of results that are only selected.
+        self._load_results(lines, number, types)
 
     def _write_layer(
         self, lines: list[str], number: int, operand_names: Sequence[tuple[str, SymbolKind]], layer: SymbolLayer
@@ -231,7 +309,7 @@ class _Calls:
         rows, _ = layer.matrix.shape
         self._store_arguments(lines, number, operand_names)
         lines.append(f"call void {self._function_of_layer(layer)}(ptr %call_arguments, ptr %call_results)")
-        self._load_results(lines, number, [SymbolKind.NUMBER] * rows)
+        self._load_results(lines, number, [_type(SymbolKind.NUMBER, self._lanes)] * rows)
         # The function writes all rows of the last block, even if the layer has fewer rows.
         self._rows = max(self._rows, rows + -rows % _BLOCK_ROWS)
 
@@ -242,12 +320,11 @@ class _Calls:
             lines.append(f"store {_type(kind, self._lanes)} {name}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(arguments))
 
-    def _load_results(self, lines: list[str], number: int, kinds: Sequence[SymbolKind]) -> None:
-        for row, kind in enumerate(kinds):
-            pointer = f"%v{number}_result_{row}"
-            lines += _pointer(pointer, Rows("%call_results", self._lanes), row)
-            lines.append(f"%v{number}_{row} = load {_type(kind, self._lanes)}, ptr {pointer}, align 8")
-        self._rows = max(self._rows, len(kinds))
+    def _load_results(self, lines: list[str], number: int, types: Sequence[str]) -> None:
+        """Append the lines that load all results of a call, given their LLVM types."""
+        for row, type_ in enumerate(types):
+            lines += _load_row(f"%v{number}_{row}", Rows("%call_results", self._lanes), row, type_)
+        self._rows = max(self._rows, len(types))
 
     def _function_of(self, branch: Branch, attributes: str) -> str:
         """Return the name of the function for a branch. The first request generates the function."""
@@ -347,6 +424,11 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
     )
 
 
+def _load_row(name: str, rows: Rows, row: int, type_: str) -> list[str]:
+    """Return the LLVM lines that load a row."""
+    return [*_pointer(f"{name}_at", rows, row), f"{name} = load {type_}, ptr {name}_at, align 8"]
+
+
 @functools.cache
 def _type(kind: SymbolKind, lanes: int) -> str:
     return f"<{lanes} x {_ELEMENT_TYPES[kind]}>"
@@ -377,8 +459,7 @@ def _write_operation(
         *group, row = operation.operands
         rows = sources[group[0]] if group else shared
         assert isinstance(rows, Rows)
-        lines += _pointer(f"{name}_at", rows, row)
-        lines.append(f"{name} = load {type_}, ptr {name}_at, align 8")
+        lines += _load_row(name, rows, row, type_)
         return name
     template = _template(operation.name, listing.operations[operation.operands[0]].kind, kind, lanes)
     lines.append(f"{name} = {template.format(*[names[operand] for operand in operation.operands])}")

@@ -11,7 +11,9 @@ the first in the formula starts first.
 The schedule does not change any result.
 """
 
+from collections.abc import Mapping
 from heapq import heappop, heappush
+from types import MappingProxyType
 
 from drake_quad.framework.machine_code import NUM_VECTOR_REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
@@ -36,8 +38,13 @@ _LATENCIES = {
 }
 
 
-def schedule(listing: Listing) -> list[int]:
-    """Return the line numbers in scheduled order; each line comes after its operands."""
+def schedule(listing: Listing, operands: Mapping[int, tuple[int, ...]] = MappingProxyType({})) -> list[int]:
+    """Return the line numbers in scheduled order; each line comes after its operands.
+
+    Args:
+        listing: listing of operations.
+        operands: operands of lines that use more rows than the operands of their operations.
+    """
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
     latencies = [_LATENCIES.get(operation.name, 1) for operation in operations]
@@ -46,7 +53,7 @@ def schedule(listing: Listing) -> list[int]:
         users[line] = []
     num_missing, ready_cycle = [0] * len(operations), [0] * len(operations)
     for line in lines:
-        for operand in {*operations[line].operands}:
+        for operand in {*operands.get(line, operations[line].operands)}:
             operand_users = users[operand]
             if operand_users is not None:
                 operand_users.append(line)
@@ -79,15 +86,15 @@ def schedule(listing: Listing) -> list[int]:
         while first < count and is_scheduled[lines[first]]:
             first += 1
         cycle += 1
-    return _with_leaves(listing, order)
+    return _with_leaves(listing, order, operands)
 
 
-def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
+def _with_leaves(listing: Listing, order: list[int], operands: Mapping[int, tuple[int, ...]]) -> list[int]:
     """Insert constants and rows into a schedule, each before the first line that uses it; append unused ones."""
     operations = listing.operations
     complete: dict[int, None] = {}
     for line in order:
-        for operand in operations[line].operands:
+        for operand in operands.get(line, operations[line].operands):
             complete[operand] = None
         complete[line] = None
     complete.update(dict.fromkeys(range(len(operations))))

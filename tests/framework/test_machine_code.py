@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from drake_quad.framework import elementary, kernels
 from drake_quad.framework.formulas import TIME, kernel
+from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.records import ROW, layout_of
 from drake_quad.framework.symbols import Listing
@@ -351,6 +353,34 @@ def test_lazy_where_can_return_several_rows():
 
     rows = [*np.random.default_rng(2).normal(size=(2, 2 * LANES))]
     np.testing.assert_array_equal(run_on_arrays(formula, rows), formula(*rows))
+
+
+def test_the_same_branch_can_be_selected_twice_with_different_other_rows():
+    """The other rows of the second selection depend on the first one, so they follow the call of the branch."""
+
+    def formula(x: Row, y: Row) -> Row:
+        first = elementary.lazy_where(x > 0.0, polar, (x, y), Polar(y, x))
+        second = elementary.lazy_where(x > 0.0, polar, (x, y), Polar(first.length + 1.0, first.slope - y))
+        return elementary.where(y > 0.0, first.length, second.length) + second.slope
+
+    for sign in (-1.0, 1.0):
+        rows = [*np.random.default_rng(3).normal(size=(2, 2 * LANES))]
+        rows[0] = sign * abs(rows[0])
+        rows[0][:LANES] *= np.where(np.arange(LANES) % 3, 1.0, -1.0)
+        np.testing.assert_array_equal(run_on_arrays(formula, rows), formula(*rows))
+
+
+def test_selecting_the_results_of_a_branch_takes_no_time_if_no_vehicle_needs_it():
+    listing = Listing()
+    x, y = listing.row(0, 0), listing.row(0, 1)
+    result = elementary.lazy_where(x > 0.0, polar, (x, y), Polar(y, -1.0))
+    stores = [Store(Rows("%rows", LANES), row, symbol) for row, symbol in enumerate(result)]
+    code = function(
+        "@f(ptr %rows)", listing, stores, {0: Rows("%rows", LANES)}, shared="", lanes=LANES, overlapping=False
+    )
+    before, inside, after = re.split(r"\n  (?:needed|beyond)_\d+:\n", code.split("define internal void @f(")[1])
+    assert [" = select " in part for part in (before, inside, after)] == [False, True, False]
+    assert after.count(" = phi ") == 2
 
 
 def test_branches_accept_and_return_booleans_and_64_bit_words():
