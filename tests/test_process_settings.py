@@ -6,7 +6,12 @@ import os
 
 import pytest
 
-from drake_quad.process_settings import on_processor, without_drake_remarks, without_garbage_collection
+from drake_quad.process_settings import (
+    on_processor,
+    without_drake_remarks,
+    without_error_output,
+    without_garbage_collection,
+)
 
 
 def test_messages_of_drake_are_hidden_until_the_last_context_is_left():
@@ -41,3 +46,11 @@ def test_a_thread_may_run_on_all_its_processors_again_afterwards():
     with on_processor(min(allowed)):
         assert os.sched_getaffinity(0) == {min(allowed)}
     assert os.sched_getaffinity(0) == allowed
+
+
+def test_error_output_is_discarded_only_inside_the_context(capfd):
+    os.write(2, b"before ")
+    with without_error_output():
+        os.write(2, b"inside ")
+    os.write(2, b"after")
+    assert capfd.readouterr().err == "before after"

@@ -19,6 +19,7 @@ from drake_quad import (
     simulate,
     simulate_samples,
 )
+from drake_quad.assembly.registered_controllers import _default_parameters
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
@@ -101,6 +102,21 @@ def test_a_registered_position_controller_flies_as_if_it_were_passed_to_simulate
 
 
 @pytest.mark.slow
+class MixedParameters(NamedTuple):
+    gain: float = 1.0
+    names: tuple[str, ...] = ()
+
+
+class MixedSystem:
+    def declare(self, *, parameters: MixedParameters = MixedParameters()) -> None:
+        """Declare nothing."""
+
+
+def test_only_parameters_that_are_plain_numbers_become_fields() -> None:
+    assert _default_parameters(MixedSystem) is None
+    assert _default_parameters(Formula) is not None
+
+
 def test_a_registered_control_replaces_the_whole_cascade() -> None:
     kind = register_controller(LevelControl)
     scenario = load_scenario("laboratory:low_wind", [f"control={{kind: {kind}}}", SHORT_FLIGHT])

@@ -17,7 +17,7 @@ import pytest
 from ruamel.yaml import YAML
 from test_passed_arguments import replaced  # noqa: F401 - a fixture
 
-from drake_quad import load_scenario
+from drake_quad import load_scenario, simulate
 from drake_quad.command_line import identify, interruption, running
 from drake_quad.command_line.design import design_remarks
 from drake_quad.design.cascade import CascadeDesign
@@ -430,3 +430,18 @@ def test_each_diagram_is_drawn_into_a_file_named_after_its_path(run, replaced, t
     assert result.stdout.splitlines() == ["wrote", *(f"  {file}" for file in files)]
     assert [file.read_text() for file in files] == ["<svg>a</svg>", "<svg>b</svg>"]
     assert len(calls["drawings"]) == 1
+
+
+@pytest.mark.slow
+def test_a_controller_is_identified_from_a_log_and_written_as_a_layer(run, tmp_path):
+    flown = load_scenario("onboard", ["duration=12"])
+    simulate(flown, compiled=True).save(tmp_path)
+    output = tmp_path / "controller.yaml"
+    result = run("identify-controller", tmp_path / "flight.csv", "--vehicle", "onboard", "--output", output)
+    assert result.returncode == 0
+    assert result.stderr == "remark: the thrust is divided by the nominal mass, 0.68 kg\n"
+    assert "z: the law explains 100.00 % of the variance of the command" in result.stdout
+    position = load_scenario("onboard", layers=[f"{output}:controller"]).control.position
+    assert position.k_p == pytest.approx(flown.control.position.k_p, rel=1e-6)
+    options = "--vehicle", "onboard", "--mass", "0.9", "--output", output
+    assert "nominal mass, 0.9 kg" in run("identify-controller", tmp_path / "flight.csv", *options).stderr

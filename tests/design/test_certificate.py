@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.design.certificate import certify_hover
+from drake_quad.design.certificate import _Cell, certify_hover
 from drake_quad.design.uncertain_hover import Range, UncertainHover, parameters_in_hover
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.fractional_model import spectral_radii
@@ -190,3 +190,12 @@ def test_the_range_of_a_normal_distribution_without_a_limit_ends_three_deviation
     mass = {"normal": {"mean": 0.7, "standard_deviation": 0.01, "min": 0.66}}
     (one,), _, _ = parameters_in_hover(load_scenario("hover", {"vehicle": {"mass": mass}}))
     assert (one.low, one.high) == pytest.approx((0.66, 0.73))
+
+
+def test_the_smallest_scale_outside_a_box_is_that_of_the_nearest_combination():
+    cell = _Cell("x", np.array([-1.0, 0.5]), np.array([2.0, 3.0]))
+    # Combinations outside the box have a first parameter below -0.5 or above 1, or a second one below 0.6 or above 2.
+    assert cell.min_scale_outside(np.array([-0.5, 0.6]), np.array([1.0, 2.0])) == 0.5
+    assert cell.min_scale_outside(np.array([-0.7, 0.5]), np.array([0.8, 2.5])) == 0.5
+    around_zero = _Cell("x", np.array([-1.0, -1.0]), np.array([2.0, 3.0]))
+    assert around_zero.min_scale_outside(np.array([-0.5, -0.6]), np.array([1.9, 2.9])) == 0.5

@@ -498,3 +498,8 @@ def test_the_lag_of_rotors_with_two_time_constants_is_their_geometric_mean(diagr
     down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])
     down = down.model_copy(update={"vehicle": down.vehicle.model_copy(update={"rotor_time_constant_down": 0.09})})
     assert lqg_design._rotor_time_constant(down) == 0.06
+
+
+def test_a_design_in_calm_air_assumes_a_small_disturbance():
+    calm = flight_conditions(load_scenario("hover"))
+    assert calm.lateral.deviation == calm.vertical.deviation == 0.05

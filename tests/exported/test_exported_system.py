@@ -247,3 +247,12 @@ def test_every_output_has_its_own_rows(tmp_path):
     wrench, speeds = (system.GetOutputPort(name).Eval(context).reshape(4, 2) for name in system.description.outputs)
     rotors = rotors_of(load_scenario("hover").nominal)
     np.testing.assert_allclose(np.array(rotors.thrust_factors) @ speeds**2, wrench[0], rtol=1e-12)
+
+
+def test_a_missing_c_file_is_reported(folder, tmp_path):
+    copy = tmp_path / "code"
+    shutil.copytree(folder, copy)
+    name = read_description(copy).name
+    (copy / f"{name}.c").unlink()
+    with pytest.raises(InputError, match=rf"^cannot read .*{name}.c: no such file or directory$"):
+        HostMachine(copy)

@@ -86,6 +86,7 @@ def test_the_second_batch_of_a_fleet_flies_like_a_new_fleet(scenario, overrides,
         StudyFleet(study, plan_route(study), 3, compiled=False),
         StudyFleet(study, plan_route(study), 3),
     )
+    assert compiled.plan.path.times[-1] == plan_route(study).path.times[-1]
     # The fleet is compiled by default, and does not record signals.
     for fleet, is_compiled in ((uncompiled, False), (compiled, True)):
         assert fleet.simulation.compiled == is_compiled

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
+from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.flight.formats.px4_table import px4_columns, save_px4_table
 from drake_quad.logs.reading import read_log
 
@@ -80,3 +81,7 @@ def test_throttles_are_written_if_the_motors_take_throttle_commands(diagrams, fl
     np.testing.assert_allclose(
         record.motor_command, np.clip(flight_with_throttles["throttle_command"], 0.0, 1.0), atol=1e-12
     )
+
+
+def test_the_format_is_registered_with_its_option():
+    assert {(each.option, each.file_name) for each in FORMATS} >= {("px4", "px4.csv")}

@@ -20,6 +20,7 @@ from drake_quad.framework.c_code import (
     constant_text,
     function_text,
     identifier,
+    wrapped,
 )
 from drake_quad.framework.instructions import INSTRUCTIONS
 from drake_quad.framework.symbols import Listing
@@ -172,3 +173,14 @@ def test_multiply_add_rounds_once_even_without_a_processor_instruction_for_it(tm
     library.run(count, *(each.ctypes.data_as(ctypes.c_void_p) for each in (x, y, z, actual)))
     expected = [float(Fraction(a) * Fraction(b) + Fraction(c)) for a, b, c in zip(x, y, z)]
     np.testing.assert_array_equal(actual, expected)
+
+
+def test_long_lines_of_c_code_are_broken_where_an_expression_ends():
+    terms = [f"variable_{number}" for number in range(40)]
+    lines = wrapped(f"    x = {' + '.join(terms)};")
+    assert len(lines) > 4
+    assert max(map(len, lines)) <= 118
+    assert " ".join(line.strip() for line in lines) == f"x = {' + '.join(terms)};"
+    assert {line[:8] for line in lines[1:]} == {" " * 8}
+    name = f"    {'a' * 200};"
+    assert wrapped(name) == [name]

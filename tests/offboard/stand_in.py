@@ -138,7 +138,14 @@ class StandInVehicle:
                 modes = [name for name, values in mavutil.px4_map.items() if values[1:] == numbers]
             else:
                 modes = [name for name, number in ARDUPILOT_MODES.items() if number == message.param2]
-            if modes and self.accepts_modes and (self.modes_accepted is None or modes[0] in self.modes_accepted):
+            # PX4 requires more than one second of setpoints before it changes to offboard mode.
+            is_early = modes == ["OFFBOARD"] and not (self.received and self._last - self.received[0][0] > 1.0)
+            if (
+                modes
+                and self.accepts_modes
+                and not is_early
+                and (self.modes_accepted is None or modes[0] in self.modes_accepted)
+            ):
                 (self.mode,) = modes
             else:
                 result = mavlink.MAV_RESULT_DENIED

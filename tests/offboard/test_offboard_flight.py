@@ -76,6 +76,8 @@ def test_the_vehicle_follows_the_route_from_where_it_hovers_and_then_holds(port,
     assert outcome.completed, outcome.reason
     assert outcome.rmse < 0.1
     assert vehicle.mode == end
+    modes = [message for message in vehicle.commands if message.command == 176]  # MAV_CMD_DO_SET_MODE
+    assert len(modes) == 2
     np.testing.assert_allclose(vehicle.state[:3], [4.0, -2.5, -2.0], atol=0.1)
     assert abs(vehicle.state[8]) < 0.1
 
@@ -96,7 +98,7 @@ def test_the_controller_of_a_scenario_flies_the_vehicle(port, tmp_path, stack, s
 def test_the_log_of_a_flight_can_be_read(port, tmp_path):
     outcome, *_ = fly(port, tmp_path, setpoint="attitude", scenario_name="onboard")
     record = read_log(tmp_path / "log.csv")
-    assert len(record.time) == outcome.num_ticks
+    assert len(record.time) == outcome.num_ticks == Companion(scenario("onboard"), "attitude", Limits()).num_ticks
     errors = np.linalg.norm(record.of("position") - record.of("reference_position"), axis=1)
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(outcome.rmse, rel=1e-3)
     # The route begins at its own first point in the log.

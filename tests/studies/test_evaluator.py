@@ -150,3 +150,11 @@ def test_only_worker_processes_require_systems_that_can_be_pickled(scenario):
         Evaluator(scenario, user_systems=systems, pool=workers)
     with ThreadPoolExecutor(1) as executor:
         Evaluator(scenario, user_systems=systems, pool=ExecutorPool(executor, 1))
+
+
+def test_points_of_normal_space_have_the_noise_0_by_default(scenario):
+    evaluator = Evaluator(scenario, num_vehicles=2)
+    points = np.zeros((1, 4))
+    assert evaluator.metrics_at_normal_points(points).rmse == evaluator.metrics_at_normal_points(points, 0).rmse
+    middle = np.full((1, 4), 0.5)
+    assert evaluator(middle).rmse == evaluator(middle, 0).rmse != evaluator(middle, 1).rmse

@@ -2,6 +2,7 @@
 
 import math
 
+import cma
 import numpy as np
 import pytest
 
@@ -43,6 +44,21 @@ def test_a_repeated_flight_of_the_worst_case_has_the_same_metric(worst_case):
     assert worst_case.scenario.sample == worst_case.nominal.sample
     assert worst_case.values["vehicle.mass"][0] == pytest.approx(0.68)
     assert worst_case.values["vehicle.mass"][1] == worst_case.scenario.vehicle.mass
+
+
+@pytest.mark.slow
+def test_the_first_search_begins_at_the_median_and_the_next_one_elsewhere(scenario, monkeypatch):
+    starts = []
+
+    def strategy(start, step, options):
+        starts.append(start)
+        return create(start, step, {**options, "maxiter": 2})
+
+    create = cma.CMAEvolutionStrategy
+    monkeypatch.setattr(cma, "CMAEvolutionStrategy", strategy)
+    find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    assert not starts[0].any()
+    assert starts[1].all()
 
 
 @pytest.mark.slow

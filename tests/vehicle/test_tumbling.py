@@ -15,7 +15,7 @@ from tumbling import Tumbles, degrees_apart, integrate_tumbles, random_tumbles, 
 from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW, layout_of
-from drake_quad.geometry.axes import BodyAxes, Vector
+from drake_quad.geometry.axes import BodyAxes, Vector, times
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import Attitude, AttitudeTarget
 from drake_quad.vehicle.attitude_kinematics import IntegratedQuaternion
@@ -342,3 +342,11 @@ def test_a_rod_of_a_slung_load_is_recovered_from_its_swing_angles():
         rod = rod_from_swing(swing_from_rod(type(rod_from_swing((0.0,) * 4))(Vector(*direction), Vector(*rate))))
         np.testing.assert_allclose(rod.direction, direction, atol=1e-15)
         np.testing.assert_allclose(rod.rate, rate, atol=1e-15 / min(distance, 1.0) + 1e-15)
+
+
+def test_the_length_of_a_rod_does_not_change_its_swing():
+    rng = np.random.default_rng(7)
+    x, y = rng.normal(scale=0.5, size=2)
+    rod = rod_from_swing((x, y, *rng.normal(size=2)))
+    doubled = rod._replace(direction=times(2.0, rod.direction), rate=times(2.0, rod.rate))
+    assert swing_from_rod(doubled) == pytest.approx(swing_from_rod(rod), rel=1e-12)

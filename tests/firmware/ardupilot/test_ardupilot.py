@@ -55,8 +55,9 @@ def scenario(port, overrides=None, mode="angle", **autopilot):
 @pytest.mark.long
 @pytest.mark.parametrize("mode", ["angle", "acro"])
 def test_the_vehicle_hovers(ardupilot, port, mode):
-    ardupilot()
+    peer = ardupilot()
     flight = simulate(scenario(port, mode=mode))
+    assert peer.messages[-2]["rc"]["rc_5"] == (1000 if mode == "angle" else 2000)
     assert not flight.metrics.crashed
     assert flight.metrics.rmse < 0.05
     assert abs(flight.record("state").yaw[-1] - 0.6) < 0.02
