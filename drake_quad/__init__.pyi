@@ -41,3 +41,8 @@ from .studies.study import read_studies as read_studies
 from .studies.study import read_study as read_study
 
 __version__: str
+from .worlds.language import load_world as load_world
+from .worlds.simulation import WorldFlight as WorldFlight
+from .worlds.simulation import simulate_world as simulate_world
+from .worlds.simulation import simulate_worlds as simulate_worlds
+from .worlds.world import World as World

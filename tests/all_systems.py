@@ -184,6 +184,8 @@ from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.slung_load import SlungLoad
+from drake_quad.worlds.downwash import Downwash, DownwashParameters
+from drake_quad.worlds.proximity import Proximity, Radii
 
 
 class Example(NamedTuple):
@@ -766,8 +768,12 @@ FLEET_SYSTEMS = [
     Example(DrydenTurbulence, TURBULENCE, num_vehicles=2),
     Example(Fans, JETS, num_vehicles=2),
     Example(Fans, JETS),
-    Example(FlightMonitor),
-    Example(FlightMonitor, num_vehicles=3),
+    Example(Downwash, DownwashParameters(2000.0, 0.2, -0.1, 0.02)),
+    Example(Downwash, DownwashParameters(2000.0, 0.2, -0.1, 0.02), {"count": 3}, num_vehicles=2, has_all_ports=False),
+    Example(FlightMonitor, structure={"has_neighbours": True}),
+    Example(FlightMonitor, num_vehicles=3, has_all_ports=False),
+    Example(Proximity, Radii((0.1, 0.2))),
+    Example(Proximity, Radii((0.1, 0.2, 0.3)), {"count": 3}, num_vehicles=2, has_all_ports=False),
     Example(FuzzyRules, FuzzyRulesParameters((ANTECEDENTS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
     Example(
         FuzzyRules,
@@ -826,7 +832,11 @@ FLEET_SYSTEMS = [
     Example(PredictiveProgramme, structure={**MPC_STRUCTURE, "nominal": TARGET_LQG, **TARGET_REGULATORS}),
     Example(ProportionalDerivative, PD_GAINS, {"feeds_forward": True}),
     Example(Quadrotor, VEHICLE, {"faulty": True}, has_all_ports=False),
-    Example(Quadrotor, VEHICLE_WITH_EFFECTS, {"faulty": True, "effects": VEHICLE_WITH_EFFECTS.effects.names}),
+    Example(
+        Quadrotor,
+        VEHICLE_WITH_EFFECTS,
+        {"faulty": True, "effects": VEHICLE_WITH_EFFECTS.effects.names, "has_external_load": True},
+    ),
     Example(
         Quadrotor,
         VEHICLE_WITH_THROTTLE,

@@ -38,13 +38,16 @@ _WIND_PREFIX = "wind."
 _SENSORS_PREFIX = "sensors."
 
 
-def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
+def laboratory_recipes(
+    batch: Batch, plan: Plan, duration: float, *, has_external_load: bool = False
+) -> dict[str, Recipe]:
     """Return a `Recipe` for each system in the laboratory diagram, including the vehicles, keyed by the system's path.
 
     Args:
         batch: samples to fly, with one vehicle for each.
         plan: plan that the vehicles follow. By default, they hover at its first point at time 0.
         duration: duration of the flight, s.
+        has_external_load: True if other systems compute a force and a torque on the vehicle.
 
     Raises:
         InputError: if the time step of the vehicle is too long for its drag, its slung load, or its attitude response,
@@ -58,7 +61,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         fleet.laboratory.motion_capture, reports_losses=estimator is not None
     )
     return {
-        "vehicle": _vehicle(scenario, fleet, pose, motion, duration),
+        "vehicle": _vehicle(scenario, fleet, pose, motion, duration, has_external_load),
         **({"motion_capture": cameras} if scenario.laboratory.estimator.reads_motion_capture else {}),
         **({"estimator": estimator} if estimator is not None else {}),
         "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
@@ -99,7 +102,7 @@ def wind_period(scenario: Scenario) -> float:
     return scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
 
 
-def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
+def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int, *, has_neighbours: bool = False) -> FlightMonitor:
     """Build the flight monitor, which detects crashes and computes the metrics of flights along a plan."""
     space, tilt = scenario.flight_space(), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
@@ -110,6 +113,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
         surroundings=Surroundings(solids, 0.0 if space is None else space.radius),
         window=Window(window_start(scenario, plan), window_end(scenario, plan)),
         metrics=scenario.metrics_type,
+        has_neighbours=has_neighbours,
     )
 
 
@@ -138,7 +142,9 @@ def _initial_state(scenario: Scenario, fleet: Any, plan: Plan) -> tuple[HoverPos
     return scenario.initial.pose(fleet.initial, start), scenario.initial.motion(fleet.initial)
 
 
-def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMotion, duration: float) -> Recipe:
+def _vehicle(
+    scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMotion, duration: float, has_external_load: bool
+) -> Recipe:
     """Return the recipe for the vehicle.
 
     Raises:
@@ -151,6 +157,7 @@ def _vehicle(scenario: Scenario, fleet: Any, pose: HoverPose, motion: InitialMot
         "kinematics": vehicle.attitude_kinematics,
         "faulty": "rotor_failure" in vehicle.effects() or any_nonzero(vehicle.battery_sag, fleet.vehicle.battery_sag),
         "effects": effects.names,
+        **({"has_external_load": True} if has_external_load else {}),
     }
     parameters = vehicle_parameters(fleet.vehicle)
     # A layout with paired rotors can produce every torque for all values of its parameters.

@@ -53,6 +53,8 @@ def build_fleet_diagram(
     injects: bool = False,
     exported: ExportedRandomNumbers | None = None,
     open_action: bool = False,
+    has_external_load: bool = False,
+    has_neighbours: bool = False,
 ) -> Diagram:
     """Build the closed loop of a scenario, with one vehicle for each sample in a batch.
 
@@ -67,6 +69,8 @@ def build_fleet_diagram(
             to the controller's command, and `injected` is the sum, which enters the command link.
         exported: option to supply the laboratory's random numbers through input ports of the diagram.
         open_action: True to add an input port `action` for the action of a policy.
+        has_external_load: True to add the input port `external_load`, a force and a torque on the vehicle.
+        has_neighbours: True to add the input port `clearance`, the distance from the nearest other vehicle.
 
     Raises:
         InputError: if the control lacks a required policy, a user's system is unsuitable, or the vehicle's time step is
@@ -79,7 +83,7 @@ def build_fleet_diagram(
     )
     if scenario.control.lacks_policy() and not open_action and user_systems.policy is None:
         raise InputError(f"control.policy of {scenario.name} is missing; give the file of a network")
-    recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
+    recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan), has_external_load=has_external_load)
     samples = exported or (None if drake_random else batch.noise_samples)
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem(
@@ -92,7 +96,9 @@ def build_fleet_diagram(
     user_wind = _sampled_wind(user_systems.wind, scenario)
     laboratory = build_laboratory_from_recipes(recipes, num_vehicles, samples, user_wind=user_wind)
     builder.AddNamedSystem("laboratory", laboratory)
-    monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
+    monitor = builder.AddNamedSystem(
+        "monitor", build_monitor(scenario, plan, num_vehicles, has_neighbours=has_neighbours)
+    )
 
     def connect(source: Any, signal: str, target: Any) -> None:
         """Connect the ports of a signal if both the source and the target have such a port."""
@@ -115,6 +121,9 @@ def build_fleet_diagram(
     connect(monitor, "crashed", laboratory)
     if open_action:
         builder.ExportInput(control.GetInputPort("action"), "action")
+    for part, port_name in ((laboratory, "external_load"), (monitor, "clearance")):
+        if part.HasInputPort(port_name):
+            builder.ExportInput(part.GetInputPort(port_name), port_name)
     for port in (laboratory.get_input_port(i) for i in range(laboratory.num_input_ports())):
         if port.get_name().startswith(EXPORTED_PREFIX):
             builder.ExportInput(port, port.get_name())
@@ -173,8 +182,19 @@ def reset_fleet(
     """
     diagram.SetDefaultContext(context)
     context.SetTime(0.0)
+    reset_fleet_parts(diagram, context, batch, plan, user_systems=user_systems)
+
+
+def reset_fleet_parts(
+    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems()
+) -> None:
+    """Reset a default context for another batch. The arguments are as in `reset_fleet`.
+
+    The diagram may be a subsystem, whose context is part of a larger one.
+    """
     laboratory = diagram.GetSubsystemByName("laboratory")
-    for path, recipe in laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan)).items():
+    has_load, duration = laboratory.HasInputPort("external_load"), flight_duration(batch.scenario, plan)
+    for path, recipe in laboratory_recipes(batch, plan, duration, has_external_load=has_load).items():
         recipe.reset(laboratory, path, context)
     for system in laboratory.GetSystems():
         if isinstance(system, NoiseSource):

@@ -1,4 +1,4 @@
-"""Fly one scenario, print its metrics, and write signals, plots and a replay for a browser."""
+"""Fly one scenario or a world, print the metrics, and write signals, plots and a replay for a browser."""
 
 import argparse
 import math
@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.fly_world import fly_world
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -26,10 +27,11 @@ from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
 from drake_quad.exported.machines import MACHINES
 from drake_quad.files import output_folder
-from drake_quad.flight.formats.flight_format import FORMATS
+from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.flight.mission import plan_route
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import draw_sample
+from drake_quad.worlds.language import is_world
 
 
 def options() -> argparse.ArgumentParser:
@@ -63,14 +65,13 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"rate": (0.0, 1e6)})
+    formats = _formats(arguments)
+    if is_world(arguments.scenario):
+        fly_world(arguments, formats)
+        return
     scenario = scenario_from_arguments(arguments)
     if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network requires a scenario with a network, but control.network is not given")
-    formats = [flight_format for flight_format in FORMATS if getattr(arguments, flight_format.option)]
-    for flight_format in formats:
-        if flight_format.library is not None:
-            module, extra = flight_format.library
-            check_extra(f"--{flight_format.option}", extra, module)
     folder = output_folder(resolve_output_folder(arguments, scenario))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = start_meshcat() if arguments.meshcat else None
@@ -97,6 +98,16 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(files)
     if meshcat is not None:
         show_replay(meshcat, scenario.name, flight)
+
+
+def _formats(arguments: argparse.Namespace) -> list[FlightFormat]:
+    """Return the formats of further files that the arguments request."""
+    formats = [flight_format for flight_format in FORMATS if getattr(arguments, flight_format.option)]
+    for flight_format in formats:
+        if flight_format.library is not None:
+            module, extra = flight_format.library
+            check_extra(f"--{flight_format.option}", extra, module)
+    return formats
 
 
 def instruction_rows(scenario: Scenario) -> list[tuple[str, str, str]]:

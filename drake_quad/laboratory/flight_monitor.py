@@ -1,7 +1,7 @@
 """Flight monitor: detection of crashes, and accumulation of the metrics during a flight."""
 
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -10,11 +10,13 @@ from drake_quad.framework.elementary import lazy_where, maximum, minimum, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, add_tick, compute_metrics, metric_accumulators
 from drake_quad.signals import (
+    SIGNALS,
     Acceleration,
     AttitudeTarget,
     Crashed,
     CrashTime,
     PositionError,
+    Quantity,
     Reference,
     Row,
     State,
@@ -86,6 +88,19 @@ class FreeBall(NamedTuple):
 _DISTANCE_TOLERANCE = 1e-6
 
 
+class Clearance(NamedTuple):
+    """Distance of a vehicle from the nearest other vehicle.
+
+    Attributes:
+        distance: distance between the spheres around both vehicles; negative if they overlap.
+    """
+
+    distance: Annotated[Row, Quantity("m")] = math.inf
+
+
+SIGNALS["clearance"] = Clearance
+
+
 class Window(NamedTuple):
     """Metric window, the time interval from which the metrics of a flight are computed.
 
@@ -123,6 +138,7 @@ def monitor_step(
     wrench: Wrench | None,
     target: AttitudeTarget | None,
     shortfall: Wrench,
+    clearance: Clearance,
     before: CrashTime,
     obstacle_hit: CollidedSolid,
     free_ball: FreeBall,
@@ -145,6 +161,7 @@ def monitor_step(
         wrench: wrench that is sent over the link; None with an autopilot.
         target: attitude target that is sent over the link; None without an autopilot.
         shortfall: part of the wrench that the rotors cannot produce.
+        clearance: distance from the nearest other vehicle.
         before: crash time before this tick, s.
         obstacle_hit: solid that the vehicle crashed into before this tick.
         free_ball: ball in which the vehicle touches no solid.
@@ -171,6 +188,7 @@ def monitor_step(
         & (state.z >= limits.height)
         & (total - total == 0.0)
         & (contact.number == 0.0)
+        & (clearance.distance >= 0.0)
         & (before.crash_time == math.inf)
     )
     signals: dict[str, Any] = {"state": state, "reference": reference, "acceleration_command": command}
@@ -247,6 +265,7 @@ class FlightMonitor(FleetSystem):
         - wrench
         - attitude_target
         - shortfall
+        - clearance
         output_ports:
         - crashed
         - crash_time
@@ -271,6 +290,8 @@ class FlightMonitor(FleetSystem):
         surroundings: solids that a vehicle must not touch.
         window: metric window.
         metrics: class of the metrics, from `drake_quad.laboratory.metrics.metrics_type`.
+        has_neighbours: True to add the input port `clearance`, the distance from the nearest other vehicle. A vehicle
+            crashes if this distance is negative.
     """
 
     def declare(
@@ -281,6 +302,7 @@ class FlightMonitor(FleetSystem):
         surroundings: Surroundings = Surroundings(),
         window: Window = Window(),
         metrics: type[Metrics] = Metrics,
+        has_neighbours: bool = False,
     ) -> None:
         """Declare the ports and states of this system."""
         self._period, self._metrics = period, metrics
@@ -289,6 +311,7 @@ class FlightMonitor(FleetSystem):
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
+        clearance = self.input("clearance") if has_neighbours else Clearance()
         signal_names = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
         others = {name: self.input(name) for name in signal_names if not self.HasInputPort(name)}
         crashed = self.state("crashed", lambda _: Crashed(0.0))
@@ -300,7 +323,7 @@ class FlightMonitor(FleetSystem):
         sums = self.state("sums", lambda _: Sums.before(accumulators))
         states = crash_time, obstacle_hit, free_ball, sums
         settings = limits, surroundings, window, period, accumulators, tuple(others)
-        arguments = state, reference, command, *sent, shortfall, *states, TIME, *settings, *others.values()
+        arguments = state, reference, command, *sent, shortfall, clearance, *states, TIME, *settings, *others.values()
         self.update(period, monitor_step, *arguments, writes=[crashed, *states])
         self.state_output(crashed)
         self.state_output(crash_time)

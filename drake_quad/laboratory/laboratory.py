@@ -77,8 +77,8 @@ def build_laboratory(
 
     Args:
         vehicle: system with the input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed`, and
-            optionally `attitude_target`. Its output ports are `state`, `rotor_speed`, and optionally `acceleration`,
-            `swing`, `charge` and `battery`.
+            optionally `attitude_target` and `external_load`. Its output ports are `state`, `rotor_speed`, and
+            optionally `acceleration`, `swing`, `charge` and `battery`.
         allocation: system from `wrench` to a packed output of the command of the vehicle (rotor speeds or throttles)
             and `shortfall`; None if firmware commands the motors.
         motion_capture: system from `state` to `measurement`; None if the estimator does not use it.
@@ -157,6 +157,8 @@ def build_laboratory(
 
     builder.ExportInput(command_link.GetInputPort(link_signal), link_signal)
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
+    if vehicle.HasInputPort("external_load"):
+        builder.ExportInput(vehicle.GetInputPort("external_load"), "external_load")
     builder.ExportOutput(measurement, "measurement")
     builder.ExportOutput(state, "state")
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")

@@ -117,13 +117,13 @@ class NoiseSource(FleetSystem):
         """Declare the ports and parameters of this system."""
 
         def states(samples: Samples) -> tuple[tuple[StreamState, ...], ...]:
-            seed, *periods = samples.seed, samples.indices, *samples.later_indices
-            return tuple(
-                [
-                    tuple([StreamState.of(stream_states(seed, each, stream.kind, stream.name)) for each in periods])
-                    for stream in streams
-                ]
-            )
+            periods = samples.indices, *samples.later_indices
+
+            def initial(stream: Stream, indices: Sequence[int]) -> StreamState:
+                seed = samples.seed_of(stream.kind)
+                return StreamState.of(stream_states(seed, indices, stream.kind, stream.name))
+
+            return tuple([tuple([initial(stream, each) for each in periods]) for stream in streams])
 
         kinds = tuple(
             [

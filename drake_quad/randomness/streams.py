@@ -58,12 +58,18 @@ class Samples(NamedTuple):
         later_indices: indices of the vehicles' samples in each noise period after the first; empty if there is only
             one noise period.
         period: length of each noise period, s; infinite if there is only one noise period.
+        wind_seed: seed of the wind, which vehicles of one world share; None for `seed`.
     """
 
     seed: Seeds
     indices: Sequence[int]
     later_indices: Sequence[Sequence[int]] = ()
     period: float = math.inf
+    wind_seed: int | None = None
+
+    def seed_of(self, kind: StreamKind) -> Seeds:
+        """Return the seed of the streams of a kind."""
+        return self.wind_seed if kind is StreamKind.WIND and self.wind_seed is not None else self.seed
 
     @property
     def num_periods(self) -> int:

@@ -28,6 +28,7 @@ class Batch:
             of the scenario.
         noise: (periods, N) indices of the samples that provide wind and noise in each period of the scenario's `noise`;
             None if the scenario determines them.
+        wind_seed: seed of the wind, which vehicles of one world share; None for the seed of the samples.
     """
 
     scenario: Scenario
@@ -35,6 +36,7 @@ class Batch:
     varying: Mapping[str, np.ndarray]
     seeds: tuple[int, ...] | None = None
     noise: tuple[tuple[int, ...], ...] | None = None
+    wind_seed: int | None = None
 
     @classmethod
     def draw(
@@ -100,9 +102,9 @@ class Batch:
         """Indices of the samples that determine the wind and the noise of each vehicle."""
         settings = self.scenario.noise
         if settings is None:
-            return Samples(self.seed, self.samples)
+            return Samples(self.seed, self.samples, wind_seed=self.wind_seed)
         first, *later = self.noise or [(sample,) * len(self) for sample in settings.samples]
-        return Samples(self.seed, first, later, settings.period)
+        return Samples(self.seed, first, later, settings.period, self.wind_seed)
 
     @property
     def seed(self) -> Seeds:
@@ -138,7 +140,7 @@ class Batch:
             return (*indices, *indices[-1:] * missing)
 
         seeds, noise = self.seeds and padded(self.seeds), self.noise and tuple(map(padded, self.noise))
-        return Batch(self.scenario, padded(self.samples), varying, seeds, noise)
+        return Batch(self.scenario, padded(self.samples), varying, seeds, noise, self.wind_seed)
 
     def vehicle_scenario(self, vehicle: int) -> Scenario:
         """Return the scenario of one vehicle, counted from 0, with its drawn values and its sample index."""

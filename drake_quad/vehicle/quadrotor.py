@@ -1,6 +1,7 @@
 """Drake system of a quadrotor."""
 
-from typing import Literal, NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 from pydrake.systems.framework import Context
 
@@ -21,6 +22,7 @@ from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE
 from drake_quad.vehicle.battery import FULL_BATTERY_CHARGE, rotor_battery_load
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
+from drake_quad.vehicle.external_load import WithExternalLoad
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.slung_load import HANGING_AT_REST
@@ -141,6 +143,7 @@ class Quadrotor(FleetSystem):
         - rotor_speed_command
         - wind
         - crashed
+        - external_load
         output_ports:
         - state
         - rotor_speed
@@ -179,6 +182,8 @@ class Quadrotor(FleetSystem):
     `swing`. A `battery` adds the state and output `charge`, and the output `battery`. With a `thrust_curve` the
     commands are throttles, and the input `throttle_command` replaces `rotor_speed_command`.
 
+    With `has_external_load`, the input `external_load` is a force and a torque on the body that other systems compute.
+
     The parameters of the context are `parameters`, for vehicles with faults also `faults`, and for vehicles with
     effects also `effects`. The scalar type Expression supports neither faults nor the effects `spin_down` and
     `payload`, whose equations contain conditions.
@@ -189,6 +194,7 @@ class Quadrotor(FleetSystem):
         kinematics: "exact", or "small_angle" for the small-angle kinematics of eq (3) in the paper.
         faulty: True if rotors may have faults.
         effects: names of the effects that are switched on.
+        has_external_load: True to add the input port `external_load`.
         parameters: parameters of the vehicles.
 
     Raises:
@@ -203,6 +209,7 @@ class Quadrotor(FleetSystem):
         kinematics: Kinematics = "exact",
         faulty: bool = False,
         effects: tuple[str, ...] = (),
+        has_external_load: bool = False,
         parameters: QuadrotorConfig = QuadrotorConfig(),
     ) -> None:
         """Declare the ports, states and parameters of this system."""
@@ -225,6 +232,12 @@ class Quadrotor(FleetSystem):
         # so that they support Expression.
         time = TIME if faulty or "payload" in effects else 0.0
         arguments = *inputs, vehicle, faults, effect_parameters, time
+        loads = (self.input("external_load"),) if has_external_load else ()
+
+        def loaded(formula: Callable[..., Any], num_states: int) -> Callable[..., Any]:
+            """Return a formula whose first argument is the external load, if there is one."""
+            return WithExternalLoad(formula, num_states + arguments.index(effect_parameters)) if loads else formula
+
         motion = KINEMATICS[kinematics]
         if time_step > 0.0:
             body = self.state("state", lambda parameters: start(parameters).body)
@@ -233,19 +246,21 @@ class Quadrotor(FleetSystem):
             charge = self.state("charge", lambda parameters: start(parameters).charge) if "battery" in effects else None
             groups = body, rotors, swing, charge
             step_arguments = *groups, *arguments, time_step, motion
-            self.update(time_step, quadrotor_step, *step_arguments, writes=groups, unrestricted=True, at_start=False)
+            step = loaded(quadrotor_step, len(groups))
+            self.update(time_step, step, *loads, *step_arguments, writes=groups, unrestricted=True, at_start=False)
             for group in self.states.values():
                 self.state_output(group)
-            self.output("acceleration", stepping_acceleration, *groups, *arguments, motion)
+            acceleration = loaded(stepping_acceleration, len(groups))
+            self.output("acceleration", acceleration, *loads, *groups, *arguments, motion)
             if charge is not None:
                 self.output("battery", vehicle_battery_load, charge, rotors, vehicle, effect_parameters)
         else:
             state = self.continuous_state(start)
-            self.derivative(quadrotor_derivatives, state, *arguments, motion)
+            self.derivative(loaded(quadrotor_derivatives, 1), *loads, state, *arguments, motion)
             for (name, part), value in zip(_FIELD_OF_OUTPUT.items(), start(self._parameter_record), strict=True):
                 if value is not None:
                     self.output(name, getattr, state, part)
-            self.output("acceleration", vehicle_acceleration, state, *arguments, motion)
+            self.output("acceleration", loaded(vehicle_acceleration, 1), *loads, state, *arguments, motion)
             if "battery" in effects:
                 self.output("battery", state_battery_load, state, vehicle, effect_parameters)
 

@@ -196,6 +196,24 @@ def _load_tree(
         tree = merge(library.parse(defaults_text, "defaults", with_line_numbers=False), tree)._replace(mark=tree.mark)
     for layer in layers:
         tree = with_layer(tree, library.find(layer)[1])
+    return complete_tree(name, tree, library, overrides, fixed_fields=fixed_fields)
+
+
+def complete_tree(
+    name: str, tree: Tree, library: Library, overrides: Overrides = (), *, fixed_fields: Set[str] = frozenset()
+) -> Tree:
+    """Return the tree of a scenario with its name, the default vehicle, overrides, and the files that it names.
+
+    Args:
+        name: name of the scenario, unless the tree contains one.
+        tree: merged layers of the scenario.
+        library: library that reads files.
+        overrides: overrides for `load_scenario`.
+        fixed_fields: names of fields that overrides must not change.
+
+    Raises:
+        InputError: under the conditions of `load_scenario`.
+    """
     tree = with_default_vehicle(tree)
     for override in _trees_of(overrides, library):
         for field in override.value.keys() & fixed_fields:

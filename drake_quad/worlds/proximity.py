@@ -1,0 +1,88 @@
+"""Distances between the vehicles of a world."""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.framework.elementary import minimum, sqrt, where
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import layout_of
+from drake_quad.laboratory.flight_monitor import Clearance
+from drake_quad.signals import Crashed, Quantity, Row, State
+
+# Distance if there is no other flying vehicle, m. Recorded signals must be finite.
+_FAR = 1e9
+
+
+class Radii(NamedTuple):
+    """Radii of the spheres around the vehicles of a world.
+
+    Attributes:
+        values: radius of each sphere.
+    """
+
+    values: tuple[Annotated[Row, Quantity("m", sign="nonnegative")], ...]
+
+
+def clearance(index: int, count: int, radii: Radii, *inputs: State | Crashed) -> Clearance:
+    """Return the distance between the spheres around a vehicle and around the nearest other vehicle that flies.
+
+    Args:
+        index: index of the vehicle.
+        count: number of vehicles.
+        radii: radii of the spheres.
+        inputs: states of all vehicles, and then whether each of them has crashed.
+    """
+    states, crashed = inputs[:count], inputs[count:]
+    own: State = states[index]  # type: ignore[assignment]
+    nearest: Row = _FAR
+    for other in range(count):
+        if other != index:
+            state: State = states[other]  # type: ignore[assignment]
+            x, y, z = state.x - own.x, state.y - own.y, state.z - own.z
+            distance = sqrt(x * x + y * y + z * z) - (radii.values[index] + radii.values[other])
+            flies = crashed[other].crashed < 0.5  # type: ignore[union-attr]
+            nearest = minimum(nearest, where(flies, distance, _FAR))
+    return Clearance(nearest)
+
+
+@fleet_system(float, AutoDiffXd)
+class Proximity(FleetSystem):
+    """Distance of each vehicle of a world from the nearest other vehicle, and whether all vehicles have crashed.
+
+    .. pydrake_system::
+
+        name: Proximity
+        input_ports:
+        - state_1
+        - state_2
+        - crashed_1
+        - crashed_2
+        output_ports:
+        - clearance_1
+        - clearance_2
+        - crashed
+
+    The diagram shows the ports for two vehicles in a world. `crashed` is 1 if all vehicles have crashed.
+
+    Args:
+        num_vehicles: number N of worlds.
+        count: number of vehicles in a world.
+        parameters: radii of the spheres around the vehicles.
+    """
+
+    def declare(self, *, count: int = 2, parameters: Radii) -> None:
+        """Declare the ports and parameters of this system."""
+        radii = self.parameter("radii", lambda parameters: parameters)
+        states = [self.input(f"state_{k}", layout=layout_of(State)) for k in range(1, count + 1)]
+        crashed = [self.input(f"crashed_{k}", layout=layout_of(Crashed)) for k in range(1, count + 1)]
+        for k in range(count):
+            self.output(
+                f"clearance_{k + 1}", clearance, k, count, radii, *states, *crashed, layout=layout_of(Clearance)
+            )
+        self.output("crashed", _all_crashed, *crashed)
+
+
+def _all_crashed(*crashed: Crashed) -> Crashed:
+    result: Row = 1.0
+    for each in crashed:
+        result = minimum(result, each.crashed)
+    return Crashed(result)

@@ -1,0 +1,86 @@
+"""Tests of worlds in YAML, and of the command that flies them."""
+
+import pytest
+
+from drake_quad import InputError, load_world
+from drake_quad.worlds.downwash import CRAZYFLIE_DOWNWASH
+from drake_quad.worlds.language import is_world
+
+PAIR = """
+pair:
+  extends: [laboratory:nominal, vehicles/crazyflie, controllers/crazyflie]
+  route: {kind: hover, position: [0.0, 0.0, 1.0], duration: 1.0}
+  world: {radius: 0.1}
+  vehicles:
+    upper: {offset: [0.0, 0.0, 0.5]}
+    lower:
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def writer(text):
+        path = tmp_path / "worlds.yaml"
+        path.write_text(PAIR + text)
+        return str(path)
+
+    return writer
+
+
+def test_the_fields_of_a_vehicle_are_layered_over_those_of_all(write):
+    other = """
+other:
+  extends: pair
+  world: {downwash: {force: 1000.0}}
+  vehicles:
+    lower: {extends: vehicles/hummingbird, vehicle: {mass: 0.5}}
+"""
+    world = load_world(write(other) + ":other", ["duration=0.5"])
+    assert [*world.vehicles] == ["upper", "lower"]
+    assert (world.radius, world.offsets) == (0.1, {"upper": (0.0, 0.0, 0.5)})
+    assert world.downwash == CRAZYFLIE_DOWNWASH._replace(force=1000.0)
+    upper, lower = world.vehicles.values()
+    assert (upper.duration, lower.duration) == (0.5, 0.5)
+    assert upper.vehicle.mass != lower.vehicle.mass == 0.5
+    assert (upper.nominal.mass, lower.nominal.mass) == pytest.approx((0.0319, 0.716), abs=0.02)
+    assert world.plan("upper").path.coefficients[0, 0, 2] == 1.5
+    assert world.plan("lower").path.coefficients[0, 0, 2] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("bad: {extends: pair, vehicles: {third: {rute: 3}}}", r"worlds.yaml:9: rute is unknown; .*mean route[?]"),
+        ("bad: {extends: pair, vehicles: {third: 3}}", "9: vehicles.third must be a mapping of fields"),
+        ("bad: {extends: pair, vehicles: 3}", "9: vehicles must be a mapping from the names of the vehicles"),
+        ("bad: {extends: pair, world: {radius: -1.0}}", "radius is -1.0, but must be"),
+        ("bad: {extends: pair, world: {size: 1.0}}", "9: size is unknown; allowed are radius, downwash"),
+        ("bad: {extends: pair, vehicles: {upper: {offset: [1]}}}", "offset.1 is missing|offset"),
+        ("bad: {extends: pair, vehicles: {upper: {extends: nowhere}}}", "nowhere"),
+        ("bad: {extends: hover}", "has no field vehicles; `load_scenario` loads a scenario of a single vehicle"),
+    ],
+)
+def test_errors_name_the_file_the_line_and_the_field(write, text, words):
+    with pytest.raises(InputError, match=words):
+        load_world(f"{write(text)}:bad")
+
+
+def test_only_a_scenario_with_vehicles_is_a_world(write):
+    assert is_world(write("") + ":pair")
+    assert not is_world("hover")
+
+
+@pytest.mark.slow
+def test_the_command_flies_a_world(run, write, tmp_path):
+    result = run("fly", f"{write('')}:pair", "--output", tmp_path / "out")
+    assert result.returncode == 0
+    lines = result.stdout.splitlines()
+    assert lines[0].split() == ["vehicle", "RMSE", "(cm)", "peak", "error", "(cm)", "flight", "time", "(s)"]
+    assert [line.split()[0] for line in lines[1:3]] == ["upper", "lower"]
+    assert lines[3].startswith("smallest distance between two vehicles: 0.")
+    for name in ("upper", "lower"):
+        assert (tmp_path / "out" / name / "flight.csv").exists()
+    assert (tmp_path / "out" / "replay.html").exists()
+    result = run("fly", f"{write('')}:pair", "--controller", "controllers/lee")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert "--controller needs a scenario with one vehicle, but " in result.stderr
