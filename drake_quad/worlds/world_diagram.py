@@ -57,14 +57,19 @@ def build_world_diagram(
     names, count = [*world.vehicles], len(world.vehicles)
     num_worlds = len(batches[names[0]])
     has_neighbours = count > 1
-    options = {"has_external_load": has_neighbours and world.downwash is not None, "has_neighbours": has_neighbours}
-    vehicles = {
-        name: builder.AddNamedSystem(name, build_fleet_diagram(batches[name], plans[name], **options)) for name in names
-    }
+    has_downwash = has_neighbours and world.downwash is not None
+
+    def closed_loop(name: str) -> Diagram:
+        return build_fleet_diagram(
+            batches[name], plans[name], has_external_load=has_downwash, has_neighbours=has_neighbours
+        )
+
+    vehicles = {name: builder.AddNamedSystem(name, closed_loop(name)) for name in names}
     radii = Radii(tuple([world.radius] * count))
     proximity = builder.AddNamedSystem("proximity", Proximity(num_worlds, count=count, parameters=radii))
     interactions = [proximity]
-    if has_neighbours and world.downwash is not None:
+    if has_downwash:
+        assert world.downwash is not None
         downwash = Downwash(num_worlds, count=count, parameters=world.downwash)
         interactions.append(builder.AddNamedSystem("downwash", downwash))
     signals = {"crashed": proximity.GetOutputPort("crashed")}
