@@ -36,6 +36,9 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.routes.waypoints import WaypointRoute
 from drake_quad.space.collision_free import plan_collision_free_path
 from drake_quad.studies.monte_carlo import run_monte_carlo
+from drake_quad.worlds.simulation import WorldSimulation
+from drake_quad.worlds.world import World
+from drake_quad.worlds.world_diagram import draw_batches
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"
@@ -87,6 +90,7 @@ def main() -> None:
     print_controllers(repetitions)
     print_estimators(repetitions)
     print_firmware(repetitions)
+    print_worlds(repetitions)
     print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
@@ -225,6 +229,21 @@ def print_firmware(repetitions: int) -> None:
     print("\n| one recorded flight of `betaflight`, including the start of the firmware | vehicle-seconds per second |")
     print("|---|---|")
     print(f"| Betaflight in lockstep at 800 Hz | {speeds[0]:.1f} ({speeds[1]:.1f}) |", flush=True)
+
+
+def print_worlds(repetitions: int) -> None:
+    """Print the simulation speed of worlds with several Crazyflies, and of the same number of independent ones."""
+    layers = ["vehicles/crazyflie", "controllers/crazyflie"]
+    scenario = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", layers=layers)
+    independent = Stepper(scenario, 5000, compiled=True)
+    worlds = WorldStepper(scenario, 5, 1000)
+    costs = interleaved([independent, worlds], repetitions)
+    print("\n| compiled, Crazyflies with the PID of their firmware | vehicle-seconds per second |")
+    print("|---|---|")
+    for label, cost in zip(("5,000 independent vehicles", "1,000 worlds with 5 vehicles"), costs, strict=True):
+        print(f"| {label} | {speed_text(cost, 5000)} |")
+    (large,) = interleaved([WorldStepper(scenario, 20, 1)], repetitions)
+    print(f"| one world with 20 vehicles | {speed_text(large, 20)} |", flush=True)
 
 
 def with_rules(sets: int) -> Scenario:
@@ -389,7 +408,28 @@ class Stepper:
         return timed(lambda: self._simulation.fly(self._duration)) / self._duration
 
 
-def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:
+class WorldStepper:
+    """Worlds that repeat 1 s of a flight, in which vehicles follow the same route side by side.
+
+    Args:
+        scenario: scenario of all vehicles.
+        num_vehicles: number of vehicles in a world.
+        num_worlds: number of worlds.
+    """
+
+    def __init__(self, scenario: Scenario, num_vehicles: int, num_worlds: int) -> None:
+        offsets = {f"cf{k}": (0.5 * k, 0.0, 0.0) for k in range(num_vehicles)}
+        world = World.formation(scenario, offsets, radius=0.05)
+        self._batches = draw_batches(world, range(num_worlds))
+        self._simulation = WorldSimulation(world, self._batches, record=False, compiled=True)
+
+    def cost(self) -> float:
+        """Return the computing time per simulated second, s."""
+        self._simulation.reset(self._batches)
+        return timed(lambda: self._simulation.fly(1.0))
+
+
+def interleaved(steppers: Sequence[Stepper | WorldStepper], repetitions: int) -> list[list[float]]:
     """Return the measured costs of each stepper.
 
     The steppers take turns, so that a change of the machine's speed affects all of them.

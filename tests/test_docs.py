@@ -26,6 +26,7 @@ from drake_quad.reports.page import as_html
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.signals import SIGNALS
+from drake_quad.worlds.language import is_world, load_world
 
 ROOT = Path(__file__).parent.parent
 GENERATED_FOLDERS = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
@@ -123,6 +124,9 @@ def test_every_scenario_of_the_pages_loads(block, linked_folder):
     path = linked_folder / "mine" / "loop.yaml"
     path.parent.mkdir()
     path.write_text(block, encoding="utf-8")
+    if is_world(path):
+        assert load_world(path).vehicles
+        return
     # A block that describes only a vehicle is not a complete scenario, so it is loaded without gains.
     load_undesigned(path)
     if "nominal:" not in block:

@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform
 
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.flight import Flight
+from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay.page_data import page_data
@@ -43,7 +44,7 @@ _RED = "#CC0000"
 
 
 def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
-    """Write a page that replays several flights of the same reference together, with detailed vehicles.
+    """Write a page that replays several flights in the same room together, with detailed vehicles.
 
     Args:
         flights: flights by their names on the page. The trail of a single flight is coloured by its position error.
@@ -63,14 +64,17 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
-    """Draw flights of the same reference in a Meshcat scene, with an animation that can be played and scrubbed.
+    """Draw flights in the same room in a Meshcat scene, with an animation that can be played and scrubbed.
 
     Returns:
         The room that is drawn around the flights.
     """
     flights = {name: _before_divergence(flight) for name, flight in flights.items()}
-    first = next(iter(flights.values()))
-    room = draw_surroundings(meshcat, first.scenario, first.plan, _all_positions(flights.values()))
+    references = _flights_with_different_plans(flights.values())
+    first, *others = references
+    positions_of_all = _all_positions(flights.values())
+    plans = [each.plan for each in others]
+    room = draw_surroundings(meshcat, first.scenario, first.plan, positions_of_all, other_plans=plans)
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     animation = meshcat.get_mutable_recording()
     last, top = _last_frame(flights.values(), FRAMES_PER_SECOND), _top_error(flights)
@@ -78,9 +82,28 @@ def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
         scene_path, trail = f"/{_path_component(name)}", color if len(flights) > 1 else None
         _animate_vehicle(meshcat, animation, scene_path, flights[name], color, last)
         _animate_trail(meshcat, animation, f"{scene_path}_trail", flights[name], trail, top, last)
-    _animate_reference(meshcat, animation, max(flights.values(), key=lambda flight: len(flight.time)), last)
+    for number, each in enumerate(references, start=1):
+        name = "/reference" if number == 1 else f"/reference_{number}"
+        _animate_reference(meshcat, animation, each, last, name)
     _publish(meshcat, animation)
     return room
+
+
+def _flights_with_different_plans(flights: Iterable[Flight]) -> list[Flight]:
+    """Return the longest flight of each plan, in the order of the plans."""
+    found: list[Flight] = []
+    for flight in flights:
+        equal = (k for k, each in enumerate(found) if _are_equal(each.plan.path, flight.plan.path))
+        k = next(equal, None)
+        if k is None:
+            found.append(flight)
+        elif len(flight.time) > len(found[k].time):
+            found[k] = flight
+    return found
+
+
+def _are_equal(first: PolynomialPath, second: PolynomialPath) -> bool:
+    return np.array_equal(first.times, second.times) and np.array_equal(first.coefficients, second.coefficients)
 
 
 def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
@@ -112,7 +135,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
             line = positions(flight.record("state"))[:: max(len(flight.time) // 150, 1)].T
             shade = rgba(_RED) if crashed else rgba(_tint(colors[name]))
             meshcat.SetLine(f"/{_path_component(name)}_trails/{index}", np.ascontiguousarray(line), 1.0, shade)
-    _animate_reference(meshcat, animation, max(all_flights, key=lambda flight: len(flight.time)), last)
+    _animate_reference(meshcat, animation, max(all_flights, key=lambda flight: len(flight.time)), last, "/reference")
     _publish(meshcat, animation)
     crashes = sum(bool(flight.metrics.crashed) for flight in all_flights)
     title = f"{len(all_flights)} flights, {crashes} crashed"
@@ -195,12 +218,12 @@ def _animate_trail(
             animation.SetProperty(shown, piece, "visible", True)
 
 
-def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Flight, last: int) -> None:
+def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Flight, last: int, name: str) -> None:
     size = part_scale(Frame.of(flight.scenario.vehicle).rotors)
-    meshcat.SetObject("/reference/point", Sphere(size * 0.04), rgba("0.3", 0.8))
+    meshcat.SetObject(f"{name}/point", Sphere(size * 0.04), rgba("0.3", 0.8))
     path = positions(flight.record("reference"))
     for frame, tick in _frames(flight, animation.frames_per_second(), last):
-        animation.SetTransform(frame, "/reference", RigidTransform(path[tick]))
+        animation.SetTransform(frame, name, RigidTransform(path[tick]))
 
 
 def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[int, int]]:

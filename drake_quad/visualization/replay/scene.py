@@ -75,19 +75,28 @@ def local_meshcat() -> Meshcat:
     return meshcat
 
 
-def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, visited_positions: np.ndarray) -> SceneRoom:
-    """Draw floor, grid, room, path of the reference, obstacles and fans, and aim the camera at them.
+def draw_surroundings(
+    meshcat: Meshcat,
+    scenario: Scenario,
+    plan: Plan,
+    visited_positions: np.ndarray,
+    *,
+    other_plans: Sequence[Plan] = (),
+) -> SceneRoom:
+    """Draw floor, grid, room, paths of the references, obstacles and fans, and aim the camera at them.
 
     Args:
         meshcat: server that shows the scene.
         scenario: scenario of the flight.
         plan: plan of the reference.
         visited_positions: positions of the vehicles, (n, 3), m; empty if they are not known yet.
+        other_plans: plans of other references in the same room.
 
     Returns:
         The room around the flight.
     """
-    path = reference_points(plan)
+    paths = [reference_points(each) for each in (plan, *other_plans)]
+    path = np.vstack(paths)
     margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).max_rotor_distance
     limits = path.min(axis=0) - _MAX_DISTANCE_FROM_REFERENCE, path.max(axis=0) + _MAX_DISTANCE_FROM_REFERENCE
     nearby = np.vstack([path, np.clip(visited_positions, *limits)])
@@ -107,8 +116,9 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, visited_
     low[2] = 0.0
     room = SceneRoom(low, high, round_spacing(float(np.max(high - low))), names)
     _draw_room(meshcat, room)
-    if len(path) > 1:
-        meshcat.SetLine("/reference_path", path.T, _LINE_WIDTH, rgba("0.45"))
+    for number, each in enumerate(paths, start=1):
+        name = "/reference_path" if number == 1 else f"/reference_path_{number}"
+        meshcat.SetLine(name, each.T, _LINE_WIDTH, rgba("0.45"))
     for number, (jet, outlet) in enumerate(zip(fans, outlets, strict=True), start=1):
         length = float(np.max((path - outlet) @ np.asarray(jet.direction))) + margin
         draw_fan(meshcat, f"/fan_{number}", jet, max(length, 1.0))
