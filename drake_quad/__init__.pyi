@@ -39,10 +39,12 @@ from .studies.statistics import compare_studies as compare_studies
 from .studies.study import Study as Study
 from .studies.study import read_studies as read_studies
 from .studies.study import read_study as read_study
-
-__version__: str
 from .worlds.language import load_world as load_world
 from .worlds.simulation import WorldFlight as WorldFlight
 from .worlds.simulation import simulate_world as simulate_world
 from .worlds.simulation import simulate_worlds as simulate_worlds
+from .worlds.study import WorldStudy as WorldStudy
+from .worlds.study import study_world as study_world
 from .worlds.world import World as World
+
+__version__: str

@@ -772,7 +772,7 @@ FLEET_SYSTEMS = [
     Example(Downwash, DownwashParameters(2000.0, 0.2, -0.1, 0.02), {"count": 3}, num_vehicles=2, has_all_ports=False),
     Example(FlightMonitor, structure={"has_neighbours": True}),
     Example(FlightMonitor, num_vehicles=3, has_all_ports=False),
-    Example(Proximity, Radii((0.1, 0.2))),
+    Example(Proximity, Radii((0.6, 0.7))),
     Example(Proximity, Radii((0.1, 0.2, 0.3)), {"count": 3}, num_vehicles=2, has_all_ports=False),
     Example(FuzzyRules, FuzzyRulesParameters((ANTECEDENTS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
     Example(

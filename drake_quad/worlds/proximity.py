@@ -2,6 +2,9 @@
 
 from typing import Annotated, NamedTuple
 
+import numpy as np
+from pydrake.systems.framework import Context
+
 from drake_quad.framework.elementary import minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
@@ -44,6 +47,37 @@ def clearance(index: int, count: int, radii: Radii, *inputs: State | Crashed) ->
     return Clearance(nearest)
 
 
+class Clearances(NamedTuple):
+    """Smallest clearances of the vehicles of a world.
+
+    Attributes:
+        values: clearance of each vehicle, m.
+    """
+
+    values: tuple[Row, ...]
+
+
+def smallest_clearances(before: Clearances, count: int, radii: Radii, *inputs: State | Crashed) -> Clearances:
+    """Return the smallest clearance of each vehicle so far. A vehicle that has crashed keeps its value.
+
+    Args:
+        before: smallest clearances before this tick.
+        count: number of vehicles.
+        radii: radii of the spheres.
+        inputs: states of all vehicles, and then whether each of them has crashed.
+    """
+    crashed = inputs[count:]
+    values = [
+        where(
+            crashed[k].crashed > 0.5,  # type: ignore[union-attr]
+            before.values[k],
+            minimum(before.values[k], clearance(k, count, radii, *inputs).distance),
+        )
+        for k in range(count)
+    ]
+    return Clearances(tuple(values))
+
+
 @fleet_system(float, AutoDiffXd)
 class Proximity(FleetSystem):
     """Distance of each vehicle of a world from the nearest other vehicle, and whether all vehicles have crashed.
@@ -61,16 +95,18 @@ class Proximity(FleetSystem):
         - clearance_2
         - crashed
 
-    The diagram shows the ports for two vehicles in a world. `crashed` is 1 if all vehicles have crashed.
+    The diagram shows the ports for two vehicles in a world. `crashed` is 1 if all vehicles have crashed. At every tick,
+    the state `smallest` is updated, the smallest clearance of each vehicle so far.
 
     Args:
         num_vehicles: number N of worlds.
         count: number of vehicles in a world.
+        period: tick period, s.
         parameters: radii of the spheres around the vehicles.
     """
 
-    def declare(self, *, count: int = 2, parameters: Radii) -> None:
-        """Declare the ports and parameters of this system."""
+    def declare(self, *, count: int = 2, period: float = 0.02, parameters: Radii) -> None:
+        """Declare the ports, states and parameters of this system."""
         radii = self.parameter("radii", lambda parameters: parameters)
         states = [self.input(f"state_{k}", layout=layout_of(State)) for k in range(1, count + 1)]
         crashed = [self.input(f"crashed_{k}", layout=layout_of(Crashed)) for k in range(1, count + 1)]
@@ -79,6 +115,14 @@ class Proximity(FleetSystem):
                 f"clearance_{k + 1}", clearance, k, count, radii, *states, *crashed, layout=layout_of(Clearance)
             )
         self.output("crashed", _all_crashed, *crashed)
+        smallest = self.state("smallest", lambda _: Clearances((_FAR,) * count))
+        self.update(period, smallest_clearances, smallest, count, radii, *states, *crashed, writes=[smallest])
+
+    def smallest_clearances(self, context: Context) -> np.ndarray:
+        """Return the (count, N) smallest clearances of the vehicles up to the current time, m."""
+        vector = self.states["smallest"].vector(self, context).CopyToVector()
+        result: np.ndarray = vector.reshape(-1, self.num_vehicles)
+        return result
 
 
 def _all_crashed(*crashed: Crashed) -> Crashed:

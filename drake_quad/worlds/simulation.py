@@ -91,6 +91,16 @@ class WorldSimulation:
         signals = self._part.log(self._part.GetMyMutableContextFromRoot(self.simulator.get_mutable_context()))
         return self._part.tick * np.arange(len(next(iter(signals.values())))), signals
 
+    def smallest_clearances(self) -> np.ndarray:
+        """Return the (N, k) smallest clearances of the k vehicles of each world up to the current time, m.
+
+        They are negative for vehicles that have collided, and 1e9 for a single vehicle.
+        """
+        diagram, context = self.wired_context()
+        proximity = diagram.GetSubsystemByName("proximity")
+        clearances: np.ndarray = proximity.smallest_clearances(proximity.GetMyContextFromRoot(context)).T
+        return clearances
+
     def metrics(self, name: str) -> Metrics:
         """Return the metrics of a vehicle in the N worlds, (N,) arrays."""
         return _VehicleSimulation(self, name).metrics()

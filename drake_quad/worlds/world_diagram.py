@@ -65,8 +65,9 @@ def build_world_diagram(
         )
 
     vehicles = {name: builder.AddNamedSystem(name, closed_loop(name)) for name in names}
+    period = next(iter(world.vehicles.values())).laboratory.command_link.period
     radii = Radii(tuple([world.radius] * count))
-    proximity = builder.AddNamedSystem("proximity", Proximity(num_worlds, count=count, parameters=radii))
+    proximity = builder.AddNamedSystem("proximity", Proximity(num_worlds, count=count, period=period, parameters=radii))
     interactions = [proximity]
     if has_downwash:
         assert world.downwash is not None
@@ -86,7 +87,6 @@ def build_world_diagram(
     for name, port in signals.items():
         builder.ExportOutput(port, name)
     if record:
-        period = next(iter(world.vehicles.values())).laboratory.command_link.period
         recorder = build_recorder({name: port.size() for name, port in signals.items()}, period=period)
         builder.AddNamedSystem("recorder", recorder)
         for name, port in signals.items():
