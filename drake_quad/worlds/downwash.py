@@ -69,7 +69,7 @@ def downwash_load(index: int, count: int, parameters: DownwashParameters, *input
     for other in range(count):
         if other != index:
             pushes = downwash_force(states[index], states[other], parameters)  # type: ignore[arg-type]
-            force = force + where(crashed[other].crashed > 0.5, 0.0, pushes)  # type: ignore[union-attr]
+            force = force + where(crashed[other].crashed >= 1.0, 0.0, pushes)  # type: ignore[union-attr]
     return ExternalLoad(f_z=-force)
 
 

@@ -42,7 +42,7 @@ def clearance(index: int, count: int, radii: Radii, *inputs: State | Crashed) ->
             state: State = states[other]  # type: ignore[assignment]
             x, y, z = state.x - own.x, state.y - own.y, state.z - own.z
             distance = sqrt(x * x + y * y + z * z) - (radii.values[index] + radii.values[other])
-            flies = crashed[other].crashed < 0.5  # type: ignore[union-attr]
+            flies = crashed[other].crashed < 1.0  # type: ignore[union-attr]
             nearest = minimum(nearest, where(flies, distance, _FAR))
     return Clearance(nearest)
 
@@ -69,7 +69,7 @@ def smallest_clearances(before: Clearances, count: int, radii: Radii, *inputs: S
     crashed = inputs[count:]
     values = [
         where(
-            crashed[k].crashed > 0.5,  # type: ignore[union-attr]
+            crashed[k].crashed >= 1.0,  # type: ignore[union-attr]
             before.values[k],
             minimum(before.values[k], clearance(k, count, radii, *inputs).distance),
         )

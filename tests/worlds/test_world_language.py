@@ -50,7 +50,7 @@ other:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("bad: {extends: pair, vehicles: {third: {rute: 3}}}", r"worlds.yaml:9: rute is unknown; .*mean route[?]"),
+        ("bad: {extends: pair, vehicles: {third: {wings: 3}}}", "worlds.yaml:9: wings is unknown; allowed are name, route"),
         ("bad: {extends: pair, vehicles: {third: 3}}", "9: vehicles.third must be a mapping of fields"),
         ("bad: {extends: pair, vehicles: 3}", "9: vehicles must be a mapping from the names of the vehicles"),
         ("bad: {extends: pair, world: {radius: -1.0}}", "radius is -1.0, but must be"),
