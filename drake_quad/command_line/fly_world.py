@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drake_quad import InputError
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import overrides_from_arguments
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder
@@ -22,8 +23,8 @@ def fly_world(arguments: argparse.Namespace, formats: Sequence[FlightFormat]) ->
         if getattr(arguments, name):
             raise InputError(f"{option} needs a scenario with one vehicle, but {arguments.scenario} has several")
     world = load_world(arguments.scenario, overrides_from_arguments(arguments))
-    first = next(iter(world.vehicles.values()))
-    folder = output_folder(Path(arguments.output) if arguments.output is not None else Path("out") / first.name)
+    folder = output_folder(Path(arguments.output) if arguments.output is not None else Path("out") / world.name)
+    print_flight_remarks([*world.vehicles.values()])
     sample = arguments.sample if arguments.sample is not None else 0
     flown = simulate_world(world, sample=sample, compiled=not arguments.wired)
     # Matplotlib takes half a second to import, so it is imported after all input has been checked.

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, short_repr
-from drake_quad.fleets.fleet_simulation import FleetSimulation, simulate_fleet
+from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.cause import non_finite_value
 from drake_quad.flight.flight import Flight
@@ -30,6 +30,23 @@ _MAX_INTEGRATOR_STEP = 0.1  # s, largest step
 _MIN_INTEGRATOR_STEP = 1e-5
 # Part of the message of Drake's exception if the integration requires a smaller step.
 _STEP_ERROR_TEXT = "smaller than minimum allowed"
+
+
+class RecordedSimulation(Protocol):
+    """Simulation of a vehicle in N samples, with recorded signals."""
+
+    @property
+    def compiled(self) -> bool:
+        """True if the diagram is compiled."""
+
+    def metrics(self) -> Metrics:
+        """Return the metrics up to the current time, as (N,) arrays."""
+
+    def obstacle_hit(self) -> np.ndarray:
+        """Return the (N,) numbers of the obstacles that were hit, counted from 1; 0 for no collision."""
+
+    def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return the (ticks,) times, s, and the (ticks, components · N) signals by name."""
 
 
 def simulate(
@@ -159,7 +176,7 @@ def _is_compiled_by_default(scenario: Scenario) -> bool:
 
 
 def collect_flights(
-    batch: Batch, plan: Plan, simulation: FleetSimulation, user_systems: UserSystems = UserSystems()
+    batch: Batch, plan: Plan, simulation: RecordedSimulation, user_systems: UserSystems = UserSystems()
 ) -> list[Flight]:
     """Return the flight of each vehicle of a fleet, up to the current time of the simulation, with all its metrics."""
     metrics, obstacle_hit = simulation.metrics(), simulation.obstacle_hit()

@@ -108,11 +108,11 @@ def load_world(spec: str | Path, overrides: Overrides = ()) -> World:
         for layer in vehicle_settings.extends:
             merged = with_layer(merged, library.find(layer)[1])
         merged = with_layer(merged, Tree(own, part.mark))
-        scenarios[vehicle] = validate(Scenario, complete_tree(name, merged, library, overrides))
+        scenarios[vehicle] = validate(Scenario, complete_tree(vehicle, merged, library, overrides))
         if vehicle_settings.offset is not None:
             offsets[vehicle] = vehicle_settings.offset
     downwash = None if settings.downwash is None else settings.downwash.parameters()
-    return World(scenarios, settings.radius, downwash, offsets)
+    return World(scenarios, settings.radius, downwash, offsets, name)
 
 
 def _fields(part: Tree, vehicle: str) -> Mapping[str, Tree]:

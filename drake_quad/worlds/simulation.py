@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.recorder import read_recorder
 from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
+from drake_quad.firmware.system import firmware_session
 from drake_quad.fleets.fleet_simulation import fly
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import collect_flights
@@ -74,7 +75,8 @@ class WorldSimulation:
         if self.compiled:
             context = self.simulator.get_mutable_context()
             self._part.set_end(self._part.GetMyMutableContextFromRoot(context), duration)
-        fly(self.simulator, duration, check_interval=self._check_interval)
+        with firmware_session(self.simulator.get_system()):
+            fly(self.simulator, duration, check_interval=self._check_interval)
 
     def wired_context(self) -> tuple[Diagram, Context]:
         """Return the uncompiled diagram, and its context with the current state."""
@@ -108,7 +110,7 @@ class WorldSimulation:
 
 @dataclass(frozen=True)
 class _VehicleSimulation:
-    """Part of a simulation that belongs to one vehicle, with the methods of a `FleetSimulation`."""
+    """Part of a simulation that belongs to one vehicle; a `RecordedSimulation`."""
 
     simulation: WorldSimulation
     name: str
@@ -207,7 +209,7 @@ def simulate_worlds(
     simulation = WorldSimulation(world, batches, record=True, compiled=compiled)
     simulation.fly()
     flights = {
-        name: collect_flights(batch, simulation.plans[name], _VehicleSimulation(simulation, name))  # type: ignore[arg-type]
+        name: collect_flights(batch, simulation.plans[name], _VehicleSimulation(simulation, name))
         for name, batch in batches.items()
     }
     by_world = [{name: each[k] for name, each in flights.items()} for k in range(len(samples))]

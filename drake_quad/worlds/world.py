@@ -26,6 +26,7 @@ class World:
         radius: radius of the sphere around each vehicle, m. Vehicles whose spheres overlap have collided.
         downwash: coefficients of the downwash; None for vehicles without downwash.
         offsets: offset of a vehicle's route in W, m, by the name of the vehicle.
+        name: name of the world.
 
     Raises:
         InputError: if there are no vehicles, or if their scenarios do not fit together.
@@ -35,6 +36,7 @@ class World:
     radius: float
     downwash: DownwashParameters | None = CRAZYFLIE_DOWNWASH
     offsets: Mapping[str, Sequence[float]] = MappingProxyType({})
+    name: str = "world"
 
     def __post_init__(self) -> None:
         if not self.vehicles:

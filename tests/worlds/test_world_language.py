@@ -37,6 +37,7 @@ other:
 """
     world = load_world(write(other) + ":other", ["duration=0.5"])
     assert [*world.vehicles] == ["upper", "lower"]
+    assert (world.name, [each.name for each in world.vehicles.values()]) == ("other", ["upper", "lower"])
     assert (world.radius, world.offsets) == (0.1, {"upper": (0.0, 0.0, 0.5)})
     assert world.downwash == CRAZYFLIE_DOWNWASH._replace(force=1000.0)
     upper, lower = world.vehicles.values()
@@ -50,7 +51,10 @@ other:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("bad: {extends: pair, vehicles: {third: {wings: 3}}}", "worlds.yaml:9: wings is unknown; allowed are name, route"),
+        (
+            "bad: {extends: pair, vehicles: {third: {wings: 3}}}",
+            "worlds.yaml:9: wings is unknown; allowed are name, route",
+        ),
         ("bad: {extends: pair, vehicles: {third: 3}}", "9: vehicles.third must be a mapping of fields"),
         ("bad: {extends: pair, vehicles: 3}", "9: vehicles must be a mapping from the names of the vehicles"),
         ("bad: {extends: pair, world: {radius: -1.0}}", "radius is -1.0, but must be"),
