@@ -176,6 +176,7 @@ from drake_quad.vehicle.autopilot import (
     ThrustOnly,
 )
 from drake_quad.vehicle.battery import Battery
+from drake_quad.vehicle.downwash import DownwashParameters
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.motors import SpinDown, ThrottleAllocation, ThrottleModel, ThrustCurve
@@ -184,7 +185,7 @@ from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.slung_load import SlungLoad
-from drake_quad.worlds.downwash import Downwash, DownwashParameters
+from drake_quad.worlds.downwash import Downwash
 from drake_quad.worlds.proximity import Proximity, Radii
 
 

@@ -270,7 +270,7 @@ class OffboardFlight:
         num_commands, next_command = 0, start + _STREAM_TIME_BEFORE_MODE_COMMAND
         was_in_other_mode = False
         for tick, telemetry in enumerate(self._ticks()):
-            if held is None or math.dist(telemetry.state[:3], held[:3]) > _MAX_DRIFT:
+            if held is None or _distance(telemetry.state, held) > _MAX_DRIFT:
                 held = _at_rest(telemetry.state, telemetry.state.yaw)
             self._send_held(tick, held)
             if telemetry.mode == stack.offboard_mode:
@@ -307,7 +307,7 @@ class OffboardFlight:
             at_rest = (
                 abs(math.remainder(state.yaw - held.yaw, 2.0 * math.pi)) < _REST_YAW
                 and math.hypot(state.v_x, state.v_y, state.v_z) < _REST_SPEED
-                and math.dist(state[:3], held[:3]) < _REST_DISTANCE
+                and _distance(state, held) < _REST_DISTANCE
             )
             if not at_rest:
                 rest_start, thrusts = now, []
@@ -347,7 +347,7 @@ class OffboardFlight:
                 if not self._dry_run:
                     self._check(telemetry, reference)
                 self._send(tick, command, reference)
-                self._errors.append(math.dist(telemetry.state[:3], reference[:3]))
+                self._errors.append(_distance(telemetry.state, reference))
                 numbers = [*measured, *command.reference, *(command.target or ())]
                 self._write(file, [repr(tick * companion.period), *(f"{number:.9g}" for number in numbers)])
                 if tick + 1 >= companion.num_ticks:
@@ -479,6 +479,11 @@ class OffboardFlight:
     @staticmethod
     def _write(file: TextIO, cells: list[str]) -> None:
         file.write(",".join(cells) + "\n")
+
+
+def _distance(state: State, reference: Reference) -> float:
+    """Return the distance of a vehicle from its reference, m."""
+    return math.dist((state.x, state.y, state.z), (reference.x, reference.y, reference.z))
 
 
 def _at_rest(state: State, yaw: float) -> Reference:

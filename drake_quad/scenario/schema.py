@@ -9,6 +9,7 @@ from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.files.layers import DEFAULT_VEHICLE
 from drake_quad.scenario.files.relative import RELATIVE
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.world import VEHICLES, WORLD, VehicleSettings, WorldSettings
 
 _REFERENCE_PREFIX = "#/$defs/"
 # Name of each distribution in YAML, by the name of its model class.
@@ -54,6 +55,7 @@ def file_schema() -> dict[str, Any]:
         **names,
     }
     _allow_relative(definitions)
+    _add_worlds(scenario, definitions)
     definitions["Scenario"] = scenario
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -63,6 +65,23 @@ def file_schema() -> dict[str, Any]:
         "$defs": definitions,
     }
     return _relaxed(schema)
+
+
+def _add_worlds(scenario: dict[str, Any], definitions: dict[str, Any]) -> None:
+    """Add the fields of scenarios with several vehicles. A vehicle has the fields of a scenario, and an offset."""
+    world = WorldSettings.model_json_schema()
+    definitions |= {**world.pop("$defs"), "WorldSettings": world}
+    offset = VehicleSettings.model_json_schema()["properties"]["offset"]
+    vehicle = {**scenario, "properties": {**scenario["properties"], "offset": offset}}
+    definitions["WorldVehicle"] = {"anyOf": [vehicle, {"type": "null"}]}
+    scenario["properties"] |= {
+        WORLD: {"description": "how the vehicles influence each other", "$ref": f"{_REFERENCE_PREFIX}WorldSettings"},
+        VEHICLES: {
+            "description": "vehicles of a world by their names",
+            "type": "object",
+            "additionalProperties": {"$ref": f"{_REFERENCE_PREFIX}WorldVehicle"},
+        },
+    }
 
 
 def _allow_relative(definitions: dict[str, Any]) -> None:

@@ -41,5 +41,8 @@ class WithExternalLoad:
 
     def __call__(self, load: ExternalLoad, *arguments: Any) -> Any:
         """Return the result of the formula, given the load and the arguments of the formula."""
-        before, effects, after = arguments[: self.position], arguments[self.position], arguments[self.position + 1 :]
-        return self.formula(*before, effects._replace(loads=(*effects.loads, load)), *after)
+        loaded = [
+            value._replace(loads=(*value.loads, load)) if position == self.position else value
+            for position, value in enumerate(arguments)
+        ]
+        return self.formula(*loaded)

@@ -14,58 +14,16 @@ and `offset` shifts the route.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from drake_quad.errors import InputError
-from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.files.layers import with_layer
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.loading import Overrides, complete_tree, validate
 from drake_quad.scenario.files.marked_tree import Tree
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.quantities import FixedNonNegative, FixedPositive, Point
-from drake_quad.worlds.downwash import CRAZYFLIE_DOWNWASH, DownwashParameters
+from drake_quad.scenario.world import VEHICLES, WORLD, VehicleSettings, WorldSettings
 from drake_quad.worlds.world import World
-
-_VEHICLES, _WORLD = "vehicles", "world"
-_VEHICLE_FIELDS = ("extends", "offset")  # fields of a vehicle that are no fields of a scenario
-
-
-class DownwashSettings(Model):
-    """Downwash of the vehicles; the defaults are those of the Crazyflie 2 in gym-pybullet-drones."""
-
-    force: FixedNonNegative = Field(default=CRAZYFLIE_DOWNWASH.force, description="factor of the force (N)")
-    spread: Real = Field(default=CRAZYFLIE_DOWNWASH.spread, description="increase of the radius with the height (1)")
-    offset: Real = Field(default=CRAZYFLIE_DOWNWASH.offset, description="radius at the height 0 (m)")
-    propeller_radius: FixedPositive = Field(
-        default=CRAZYFLIE_DOWNWASH.propeller_radius, description="radius of a propeller (m)"
-    )
-    min_height: FixedPositive = Field(
-        default=CRAZYFLIE_DOWNWASH.min_height,
-        description="height below which the force is proportional to the height (m); the default is an assumption",
-    )
-
-    def parameters(self) -> DownwashParameters:
-        """Return the parameters of the downwash."""
-        return DownwashParameters(self.force, self.spread, self.offset, self.propeller_radius, self.min_height)
-
-
-class WorldSettings(Model):
-    """Field `world` of a world."""
-
-    radius: FixedPositive = Field(description="radius of the sphere around each vehicle (m)")
-    downwash: DownwashSettings | None = Field(
-        default_factory=DownwashSettings, description="downwash of the vehicles; none if null"
-    )
-
-
-class VehicleSettings(Model):
-    """Fields of a vehicle of a world in addition to those of a scenario."""
-
-    extends: Annotated[tuple[str, ...], Field(strict=False)] = Field(default=(), description="further layers")
-    offset: Point | None = Field(default=None, description="offset of the route in W (m)")
 
 
 def is_world(spec: str | Path) -> bool:
@@ -74,7 +32,7 @@ def is_world(spec: str | Path) -> bool:
     Raises:
         InputError: if the file or the scenario does not exist, or the file is not YAML.
     """
-    return _VEHICLES in Library().find(spec)[1].value
+    return VEHICLES in Library().find(spec)[1].value
 
 
 def load_world(spec: str | Path, overrides: Overrides = ()) -> World:
@@ -90,18 +48,18 @@ def load_world(spec: str | Path, overrides: Overrides = ()) -> World:
     """
     library = Library()
     name, tree = library.find(spec)
-    if _VEHICLES not in tree.value:
+    if VEHICLES not in tree.value:
         raise InputError(f"{tree.mark}: has no field vehicles; `load_scenario` loads a scenario of a single vehicle")
-    vehicles = tree.value[_VEHICLES]
+    vehicles = tree.value[VEHICLES]
     if not isinstance(vehicles.value, dict):
         raise InputError(f"{vehicles.mark}: vehicles must be a mapping from the names of the vehicles to their fields")
-    settings = validate(WorldSettings, tree.value.get(_WORLD, Tree({}, tree.mark)))
-    template = Tree({key: part for key, part in tree.value.items() if key not in (_VEHICLES, _WORLD)}, tree.mark)
+    settings = validate(WorldSettings, tree.value.get(WORLD, Tree({}, tree.mark)))
+    template = Tree({key: part for key, part in tree.value.items() if key not in (VEHICLES, WORLD)}, tree.mark)
     scenarios: dict[str, Scenario] = {}
     offsets: dict[str, Any] = {}
     for vehicle, part in vehicles.value.items():
         fields = _fields(part, vehicle)
-        own = {key: each for key, each in fields.items() if key not in _VEHICLE_FIELDS}
+        own = {key: each for key, each in fields.items() if key not in VehicleSettings.model_fields}
         given = {key: _as_list(each) if key == "extends" else each for key, each in fields.items() if key not in own}
         vehicle_settings = validate(VehicleSettings, Tree(given, part.mark))
         merged = template

@@ -183,7 +183,9 @@ class WorldFlight:
 def distance_between(first: Flight, second: Flight) -> np.ndarray:
     """Return the (ticks,) distances between two vehicles, m, at the ticks at which both fly."""
     count = min(len(first.time), len(second.time))
-    return np.linalg.norm(first["state"][:count, :3] - second["state"][:count, :3], axis=1)
+    states = first.record("state"), second.record("state")
+    here, there = (np.stack([each.x[:count], each.y[:count], each.z[:count]]) for each in states)
+    return np.linalg.norm(here - there, axis=0)
 
 
 def simulate_world(world: World, *, sample: int = 0, seed: int | None = None, compiled: bool = True) -> WorldFlight:
@@ -220,11 +222,10 @@ def _collisions(world: World, flights: Mapping[str, Flight]) -> tuple[Collision,
     found = []
     for name, flight in flights.items():
         time = flight.metrics.crash_time
-        if not flight.metrics.crashed or flight["clearance"][-1, 0] >= 0.0:
+        if not flight.metrics.crashed or flight.record("clearance").distance[-1] >= 0.0:
             continue
-        position = flight["state"][-1, :3]
         others = {
-            other: np.linalg.norm(each["state"][min(len(flight.time), len(each.time)) - 1, :3] - position)
+            other: distance_between(flight, each)[-1]
             for other, each in flights.items()
             if other != name and each.metrics.crash_time >= time
         }

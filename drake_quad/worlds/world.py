@@ -11,7 +11,7 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.scenario.models import Scenario
-from drake_quad.worlds.downwash import CRAZYFLIE_DOWNWASH, DownwashParameters
+from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH, DownwashParameters
 
 
 @dataclass(frozen=True)

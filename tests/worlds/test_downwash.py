@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from drake_quad.signals import Crashed, State
-from drake_quad.worlds.downwash import CRAZYFLIE_DOWNWASH, Downwash, downwash_load
+from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH
+from drake_quad.worlds.downwash import Downwash, downwash_load
 
 # Coefficients in `cf2x.urdf` of gym-pybullet-drones: dw_coeff_1 to dw_coeff_3, and prop_radius.
 C_1, C_2, C_3, RADIUS = 2267.18, 0.16, -0.11, 2.31348e-2

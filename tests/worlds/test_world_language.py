@@ -3,7 +3,7 @@
 import pytest
 
 from drake_quad import InputError, load_world
-from drake_quad.worlds.downwash import CRAZYFLIE_DOWNWASH
+from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH
 from drake_quad.worlds.language import is_world
 
 PAIR = """

@@ -17,7 +17,7 @@ from drake_quad.firmware.process import LockstepProcess
 from drake_quad.vehicle.rotors import ANTICLOCKWISE, CLOCKWISE
 
 _NAME = "The Crazyflie's firmware"
-_MIXER = Mixer(
+MIXER = Mixer(
     (Motor(-45.0, ANTICLOCKWISE), Motor(-135.0, CLOCKWISE), Motor(135.0, ANTICLOCKWISE), Motor(45.0, CLOCKWISE)),
     X_ANGLE,
 )
@@ -48,7 +48,7 @@ class CrazyflieController:
         self._options = options
         self._motors = motors_of_rotors(
             options.rotors,
-            _MIXER,
+            MIXER,
             shape_advice="choose a layout of kind x",
             turns_advice="change rotor_1_turns in nominal.layout",
         )
