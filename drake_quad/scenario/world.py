@@ -19,7 +19,9 @@ class DownwashSettings(Model):
 
     force: FixedNonNegative = Field(default=CRAZYFLIE_DOWNWASH.force, description="factor of the force (N)")
     spread: Real = Field(default=CRAZYFLIE_DOWNWASH.spread, description="increase of the radius with the height (1)")
-    offset: Real = Field(default=CRAZYFLIE_DOWNWASH.offset, description="radius at the height 0 (m)")
+    offset: Real = Field(
+        default=CRAZYFLIE_DOWNWASH.offset, description="radius at the height 0, whose sign does not matter (m)"
+    )
     propeller_radius: FixedPositive = Field(
         default=CRAZYFLIE_DOWNWASH.propeller_radius, description="radius of a propeller (m)"
     )
@@ -45,5 +47,7 @@ class WorldSettings(Model):
 class VehicleSettings(Model):
     """Fields of a vehicle of a world in addition to those of a scenario."""
 
-    extends: Annotated[tuple[str, ...], Field(strict=False)] = Field(default=(), description="further layers")
+    extends: Annotated[tuple[str, ...], Field(strict=False)] = Field(
+        default=(), description="further layers, as in a scenario"
+    )
     offset: Point | None = Field(default=None, description="offset of the route in W (m)")

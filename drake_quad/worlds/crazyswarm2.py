@@ -22,13 +22,14 @@ from drake_quad.firmware.crazyflie.system import MIXER
 from drake_quad.firmware.motors import motors_of_rotors
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.planning.nominal import nominal_parameters
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.signals import RotorSpeed, State
 from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH, DownwashParameters, downwash_force
 from drake_quad.vehicle.external_load import ExternalLoad
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
-_RADIANS_PER_SECOND = 2.0 * math.pi / 60.0  # rad/s, per revolution per minute
+_RPM = 2.0 * math.pi / 60.0  # rad/s; one revolution per minute
 
 
 class Backend:
@@ -39,10 +40,12 @@ class Backend:
     Args:
         node: node of ROS, which publishes the time; None to publish nothing.
         names: names of the vehicles.
-        states: initial states of the vehicles, of Crazyswarm2's class `State`.
+        states: initial states of the vehicles, of Crazyswarm2's class `State`: position and velocity in the world (m,
+            m/s), quaternion from the body to the world, and body rates (rad/s).
 
     Attributes:
-        vehicle: file or name of the scenario with the vehicles, a class attribute that subclasses may replace.
+        vehicle: file or name of the scenario with the vehicles, a class attribute that subclasses may replace. Random
+            parameters have their medians.
         downwash: coefficients of the downwash; None for vehicles without downwash.
         dt: duration of a step, s.
 
@@ -56,10 +59,14 @@ class Backend:
 
     def __init__(self, node: Any, names: Sequence[str], states: Sequence[Any]) -> None:
         self.node, self.names = node, [*names]
-        scenario = load_undesigned(self.vehicle)
+        if not len(names) or len(names) != len(states):
+            raise InputError(f"there are {len(names)} names and {len(states)} states; give a state for each vehicle")
+        scenario = median_scenario(load_undesigned(self.vehicle))
         vehicle = scenario.vehicle
         if vehicle.motors.take_throttles:
-            raise InputError(f"{scenario.name} has motors with throttles, but Crazyswarm2 commands their speeds")
+            raise InputError(
+                f"the vehicle {self.vehicle} has motors with throttles, but Crazyswarm2 commands their speeds"
+            )
         self._motors = motors_of_rotors(
             nominal_parameters(scenario).rotors,
             MIXER,
@@ -94,7 +101,9 @@ class Backend:
             states_desired: desired states, of Crazyswarm2's class `State`, which also is the class of the result.
             actions: speeds of motors 1 to 4 of each vehicle, of Crazyswarm2's class `Action`.
         """
-        speeds = _RADIANS_PER_SECOND * np.array([action.rpm for action in actions], dtype=float)
+        speeds = _RPM * np.array([action.rpm for action in actions], dtype=float)
+        if speeds.shape != (len(self.names), 4) or not np.isfinite(speeds).all():
+            raise InputError("each vehicle needs an action with four finite motor speeds")
         loads = self._loads(self._rows())
         for port, values in zip(self._ports, (speeds[:, self._motors].T, loads), strict=True):
             port.FixValue(self._context, values.ravel())

@@ -43,7 +43,8 @@ def clearance(index: int, count: int, radii: Radii, *inputs: State | Crashed) ->
             x, y, z = state.x - own.x, state.y - own.y, state.z - own.z
             distance = sqrt(x * x + y * y + z * z) - (radii.values[index] + radii.values[other])
             flies = crashed[other].crashed < 1.0  # type: ignore[union-attr]
-            nearest = minimum(nearest, where(flies, distance, _FAR))
+            # A comparison with NaN is false, so a vehicle whose state is NaN does not affect the others.
+            nearest = where(flies & (distance < nearest), distance, nearest)
     return Clearance(nearest)
 
 

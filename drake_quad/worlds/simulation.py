@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.recorder import read_recorder
 from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
+from drake_quad.errors import InputError
 from drake_quad.firmware.system import firmware_session
 from drake_quad.fleets.fleet_simulation import fly
 from drake_quad.flight.flight import Flight
@@ -43,7 +44,7 @@ class WorldSimulation:
 
     def __init__(self, world: World, batches: Mapping[str, Batch], *, record: bool, compiled: bool) -> None:
         self.world, self.compiled = world, compiled
-        self.plans: dict[str, Plan] = {name: world.plan(name) for name in world.vehicles}
+        self.plans: dict[str, Plan] = world.plans()
         scenarios = world.vehicles.items()
         self.duration = max(flight_duration(scenario, self.plans[name]) for name, scenario in scenarios)
         self._wired = build_world_diagram(world, batches, self.plans, record=record and not compiled)
@@ -207,6 +208,8 @@ def simulate_worlds(
     world: World, samples: Sequence[int], *, seed: int | None = None, compiled: bool = True
 ) -> list[WorldFlight]:
     """Simulate samples of a world side by side, as `simulate_world` does for one sample."""
+    if not len(samples):
+        raise InputError("samples is empty, but must contain at least one sample")
     batches = draw_batches(world, samples, seed=seed)
     simulation = WorldSimulation(world, batches, record=True, compiled=compiled)
     simulation.fly()

@@ -6,6 +6,7 @@ cf2 ──▶                └─▶ downwash ──▶ external load ─▶ c
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
@@ -18,6 +19,8 @@ from drake_quad.worlds.downwash import Downwash
 from drake_quad.worlds.proximity import Proximity, Radii
 from drake_quad.worlds.world import World
 
+_WIND_PATH = "laboratory.wind."
+
 
 def draw_batches(world: World, samples: Sequence[int], *, seed: int | None = None) -> dict[str, Batch]:
     """Draw samples of all vehicles, by the name of the vehicle.
@@ -26,11 +29,12 @@ def draw_batches(world: World, samples: Sequence[int], *, seed: int | None = Non
     Parameters and noise of all others are independent of it.
     """
     batches: dict[str, Batch] = {}
-    for scenario, name in zip(world.vehicles.values(), world.vehicles, strict=True):
+    for name, scenario in world.vehicles.items():
         base = scenario.seed if seed is None else seed
         own = base if not batches else _own_seed(base, name)
-        batch = Batch.draw(scenario, samples, seed=own)
-        batches[name] = Batch(batch.scenario, batch.samples, batch.varying, batch.seeds, batch.noise, base)
+        batch, of_world = (Batch.draw(scenario, samples, seed=each) for each in (own, base))
+        winds = {path: values for path, values in of_world.varying.items() if path.startswith(_WIND_PATH)}
+        batches[name] = replace(batch.with_varying(winds), wind_seed=base)
     return batches
 
 

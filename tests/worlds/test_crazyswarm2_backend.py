@@ -108,8 +108,21 @@ def test_the_time_is_published_as_a_clock(monkeypatch):
     assert published == pytest.approx([0.0005, 0.001, 0.0015])
 
 
-def test_vehicles_that_do_not_fit_are_refused():
+def test_input_that_does_not_fit_is_refused():
     for vehicle, words in (("vehicles/paper", "choose a layout of kind x"), ("nanobench", "has motors with throttles")):
         backend = type("Other", (Backend,), {"vehicle": vehicle})
         with pytest.raises(InputError, match=words):
             backend(None, ["cf"], [State()])
+    for names in ([], ["a", "b"]):
+        with pytest.raises(InputError, match="give a state for each vehicle"):
+            Backend(None, names, [State()])
+    backend = Backend(None, ["cf"], [State()])
+    for given in ([], actions(np.nan), [SimpleNamespace(rpm=[1.0, 2.0, 3.0])]):
+        with pytest.raises(InputError, match="each vehicle needs an action with four finite motor speeds"):
+            backend.step([State()], given)
+
+
+def test_a_vehicle_with_distributions_has_their_medians():
+    backend = type("Identified", (Backend,), {"vehicle": "crazyswarm2:log08"})
+    (state,) = fly(backend(None, ["cf"], [State(pos=(0.0, 0.0, 1.0))]), actions(HOVER_RPM), 0.01)
+    assert np.isfinite(state.pos).all()

@@ -66,3 +66,13 @@ def test_a_system_has_the_ports_of_all_vehicles():
     forces = [system.GetOutputPort(f"external_load_{k}").Eval(context)[2] for k in (1, 2, 3)]
     positions = [[0.0, 0.0, z] for z in (0.0, 0.8, 1.6)]
     assert forces == pytest.approx([published_force(positions, index) for index in range(3)], rel=1e-12)
+
+
+def test_the_force_is_finite_where_the_radius_is_zero():
+    """β is zero at Δz = 0.6875 m: only a vehicle exactly below is pushed."""
+    height = -C_3 / C_2
+    for distance in (0.0, 1e-3, 0.5):
+        states = states_at([[0.0, 0.0, 0.0], [distance, 0.0, height]])
+        load = downwash_load(0, 2, CRAZYFLIE_DOWNWASH, *states, *[Crashed(0.0)] * 2)
+        expected = C_1 * (RADIUS / (4 * height)) ** 2 if distance == 0.0 else 0.0
+        assert load.f_z == pytest.approx(-expected, rel=1e-9)

@@ -1,9 +1,13 @@
 """Tests of flights of several vehicles in one world."""
 
+import math
+
 import numpy as np
 import pytest
 
 from drake_quad import InputError, World, load_scenario, simulate, simulate_world, simulate_worlds
+from drake_quad.signals import Crashed, State
+from drake_quad.worlds.proximity import Radii, clearance
 from drake_quad.worlds.simulation import WorldSimulation
 from drake_quad.worlds.world_diagram import draw_batches
 
@@ -94,11 +98,57 @@ def test_worlds_that_do_not_fit_together_are_refused():
     scenario = hover()
     for vehicles, radius, words in (
         ({}, 0.1, "a world needs at least one vehicle"),
-        ({"a": scenario}, 0.0, "the radius of the vehicles is 0.0, but must be larger than 0"),
+        ({"a": scenario}, 0.0, "the radius of the vehicles is 0.0, but must be a number larger than 0"),
+        ({"a": scenario}, math.inf, "the radius of the vehicles is inf, but must be a number"),
+        ({"a": scenario}, "0.1", "the radius of the vehicles is 0.1, but must be a number"),
         ({"a b": scenario}, 0.1, "a vehicle cannot be called 'a b'"),
+        ({1: scenario}, 0.1, "a vehicle cannot be called 1"),
+        ({"proximity": scenario}, 0.1, "a vehicle cannot be called proximity, which is a part of every world"),
+        ({"a": scenario, "b": hover("seed=3")}, 0.1, "need the same seed, which determines their wind"),
         ({"a": scenario, "b": load_scenario("hover")}, 0.1, "need the same laboratory.command_link.period"),
         ({"a": load_scenario("hover", ["vehicle.time_step=0"])}, 0.1, "vehicle.time_step of a is 0"),
         ({"a": load_scenario("neural_fly:still")}, 0.1, "has an autopilot of kind response"),
     ):
         with pytest.raises(InputError, match=words):
             World(vehicles, radius)
+
+
+def test_offsets_that_are_no_points_of_a_vehicle_are_refused():
+    scenario = hover()
+    for offset in ((1.0,), 1.0, (0.0, 0.0, math.nan), (0.0, 0.0, math.inf), "abc", None, ("0", "0", "0")):
+        with pytest.raises(InputError, match="^the offset of a is .*, but must consist of three finite numbers$"):
+            World.formation(scenario, {"a": offset}, radius=0.1)
+    with pytest.raises(InputError, match="^offsets contains zz, but the vehicles are a$"):
+        World({"a": scenario}, 0.1, offsets={"zz": (0.0, 0.0, 1.0)})
+
+
+def test_vehicles_that_start_in_each_other_or_in_an_obstacle_are_refused():
+    scenario = hover()
+    close = World.formation(scenario, {"a": (0.0, 0.0, 0.0), "b": (0.19, 0.0, 0.0)}, radius=0.1)
+    with pytest.raises(InputError, match=r"a and b start at a distance of 0.19 m, but the spheres .* radius of 0.1 m"):
+        simulate_world(close)
+    box = "{kind: box, centre: [1.0, 0.0, 1.0], size: [0.4, 0.4, 0.4]}"
+    blocked = hover(f"space={{obstacles: {{pillar: {box}}}}}")
+    world = World.formation(blocked, {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0)}, radius=0.1)
+    with pytest.raises(InputError, match="^b: the route is 0 m from pillar"):
+        simulate_world(world)
+
+
+def test_worlds_need_a_sample():
+    with pytest.raises(InputError, match="samples is empty"):
+        simulate_worlds(World({"a": hover()}, 0.1), [])
+
+
+@pytest.mark.slow
+def test_random_wind_has_the_same_parameters_for_all_vehicles():
+    scenario = load_scenario("robustness", ["duration=1.0", "metrics={start: 0, end: null}"])
+    offsets = {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, 2.0)}
+    flights = simulate_world(World.formation(scenario, offsets, radius=0.1), sample=3).flights
+    drawn = [flights[name].scenario for name in ("a", "b")]
+    assert drawn[0].laboratory.wind == drawn[1].laboratory.wind
+    assert drawn[0].vehicle.mass != drawn[1].vehicle.mass
+
+
+def test_a_vehicle_whose_state_is_nan_does_not_affect_the_others():
+    states = [State(x, *[0.0] * 11) for x in (0.0, math.nan, 1.0)]
+    assert clearance(0, 3, Radii((0.1,) * 3), *states, *[Crashed(0.0)] * 3).distance == pytest.approx(0.8)

@@ -1,8 +1,9 @@
 """Tests of worlds in YAML, and of the command that flies them."""
 
+import numpy as np
 import pytest
 
-from drake_quad import InputError, load_world
+from drake_quad import InputError, load_scenario, load_world, read_flight
 from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH
 from drake_quad.worlds.language import is_world
 
@@ -44,8 +45,7 @@ other:
     assert (upper.duration, lower.duration) == (0.5, 0.5)
     assert upper.vehicle.mass != lower.vehicle.mass == 0.5
     assert (upper.nominal.mass, lower.nominal.mass) == pytest.approx((0.0319, 0.716), abs=0.02)
-    assert world.plan("upper").path.coefficients[0, 0, 2] == 1.5
-    assert world.plan("lower").path.coefficients[0, 0, 2] == 1.0
+    assert [plan.waypoints[0][2] for plan in world.plans().values()] == [1.5, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -88,3 +88,36 @@ def test_the_command_flies_a_world(run, write, tmp_path):
     result = run("fly", f"{write('')}:pair", "--controller", "controllers/lee")
     assert (result.returncode, result.stdout) == (2, "")
     assert "--controller needs a scenario with one vehicle, but " in result.stderr
+
+
+def test_layers_of_a_vehicle_are_found_as_in_a_scenario(write, tmp_path):
+    """A file is relative to the file of the world, and a name is a scenario in it."""
+    (tmp_path / "layer.yaml").write_text("light: {vehicle: {mass: 0.03}}")
+    others = """
+heavy: {vehicle: {mass: 0.035}}
+mixed:
+  extends: pair
+  vehicles: {upper: {extends: heavy}, lower: {extends: [layer.yaml]}}
+"""
+    masses = [each.vehicle.mass for each in load_world(write(others) + ":mixed").vehicles.values()]
+    assert masses == [0.035, 0.03]
+
+
+def test_other_commands_and_overrides_of_a_world_are_refused(run, write):
+    spec = write("") + ":pair"
+    with pytest.raises(InputError, match="has several vehicles; only `drake-quad fly` and `load_world` accept"):
+        load_scenario(spec)
+    assert "has several vehicles" in run("study", spec).stderr
+    for override in ("world.radius=0.2", "vehicles.upper.offset=[0, 0, 1]"):
+        with pytest.raises(InputError, match="cannot be overridden; change the file"):
+            load_world(spec, [override])
+
+
+@pytest.mark.slow
+def test_a_saved_world_has_the_same_flight(run, write, tmp_path):
+    assert run("fly", f"{write('')}:pair", "--sample", "3", "--output", tmp_path / "first").returncode == 0
+    again = run("fly", tmp_path / "first" / "world.yaml", "--output", tmp_path / "second")
+    assert again.stdout.splitlines()[0] == "sample 3 (seed 0)"
+    for name in ("upper", "lower"):
+        first, second = (read_flight(tmp_path / folder / name) for folder in ("first", "second"))
+        np.testing.assert_array_equal(first["state"], second["state"])

@@ -147,14 +147,15 @@ def main() -> None:
             ticks, commands_rates, *numbers = REQUEST.unpack(request)
             p, q, r, f_x, f_y, f_z = numbers[:6]
             quaternion, position = tuple(numbers[6:10]), tuple(numbers[10:13])
-            right, down, turn = map(math.degrees, numbers[13:16])
+            # Angles in degrees or, in acro mode, rates in degrees per second; the yaw is a rate in both modes.
+            roll, pitch, yaw_rate = map(math.degrees, numbers[13:16])
             sensors.gyro.x, sensors.gyro.y, sensors.gyro.z = map(math.degrees, (p, q, r))
             sensors.acc.x, sensors.acc.y, sensors.acc.z = f_x / _GRAVITY, f_y / _GRAVITY, f_z / _GRAVITY
             mode = cffirmware.modeVelocity if commands_rates else cffirmware.modeAbs
             setpoint.mode.roll = setpoint.mode.pitch = mode
             wanted = setpoint.attitudeRate if commands_rates else setpoint.attitude
-            wanted.roll, wanted.pitch = right, -down
-            setpoint.attitudeRate.yaw = turn
+            wanted.roll, wanted.pitch = roll, -pitch
+            setpoint.attitudeRate.yaw = yaw_rate
             setpoint.thrust = min(max(numbers[16], 0.0), 1.0) * _FULL_SCALE
             for _ in range(ticks):
                 tick += 1

@@ -42,6 +42,10 @@ class Library:
         path, name = locate(str(spec))
         return self._resolve(path, name, Mark(str(spec), 0), ())
 
+    def layers(self, extends: Tree) -> list[Tree]:
+        """Return the scenarios that a field `extends` names, by the rules for the file that contains the field."""
+        return [*self._extended(extends, Path(extends.mark.source), ("vehicles",))]
+
     def mapping(self, path: Path) -> Tree:
         """Read a file that contains a single mapping of fields instead of scenarios.
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from drake_quad.errors import InputError, did_you_mean, short_repr, shorten_text
+from drake_quad.errors import InputError, did_you_mean, join_names, short_repr, shorten_text
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
@@ -24,6 +24,7 @@ from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, join_path, split_path
 from drake_quad.scenario.unions import alternatives
+from drake_quad.scenario.world import VEHICLES, WORLD
 
 # Tags that pydantic adds to the paths of its errors for the alternatives of a quantity.
 _TAGS = ("number", *DISTRIBUTIONS)
@@ -196,6 +197,10 @@ def _load_tree(
         tree = merge(library.parse(defaults_text, "defaults", with_line_numbers=False), tree)._replace(mark=tree.mark)
     for layer in layers:
         tree = with_layer(tree, library.find(layer)[1])
+    if VEHICLES in tree.value:
+        raise InputError(
+            f"{tree.mark}: has several vehicles; only `drake-quad fly` and `load_world` accept such a scenario"
+        )
     return complete_tree(name, tree, library, overrides, fixed_fields=fixed_fields)
 
 
@@ -216,6 +221,10 @@ def complete_tree(
     """
     tree = with_default_vehicle(tree)
     for override in _trees_of(overrides, library):
+        if world_fields := override.value.keys() & {VEHICLES, WORLD}:
+            raise InputError(
+                f"{override.mark}: {join_names(sorted(world_fields))} cannot be overridden; change the file"
+            )
         for field in override.value.keys() & fixed_fields:
             allowed = ", ".join(Mission.model_fields)
             raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
