@@ -13,11 +13,11 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.planning.feasibility import check_obstacles
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
-from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.models import NAME, Scenario
 from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH, DownwashParameters
 
 # Names of vehicles are identifiers, since the signals of a world are named after them, as in `cf1.state`.
-_NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+_VEHICLE_NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _RESERVED_NAMES = ("compiled", "crashed", "downwash", "proximity", "recorder")
 
 
@@ -48,10 +48,12 @@ class World:
     def __post_init__(self) -> None:
         if not self.vehicles:
             raise InputError("a world needs at least one vehicle")
+        if not re.fullmatch(NAME, self.name):
+            raise InputError(f"the name of the world is {self.name!r}, but must match {NAME}")
         if not (isinstance(self.radius, int | float) and 0.0 < self.radius < math.inf):
             raise InputError(f"the radius of the vehicles is {self.radius}, but must be a number larger than 0")
         for name, scenario in self.vehicles.items():
-            if not (isinstance(name, str) and re.fullmatch(_NAME, name)):
+            if not (isinstance(name, str) and re.fullmatch(_VEHICLE_NAME, name)):
                 raise InputError(
                     f"a vehicle cannot be called {name!r}: a name consists of letters, digits and '_', and begins with"
                     " a letter"

@@ -61,6 +61,8 @@ other:
         ("bad: {extends: pair, world: {size: 1.0}}", "9: size is unknown; allowed are radius, downwash"),
         ("bad: {extends: pair, vehicles: {upper: {offset: [1]}}}", "offset.1 is missing|offset"),
         ("bad: {extends: pair, vehicles: {upper: {extends: nowhere}}}", "nowhere"),
+        ("bad: {extends: pair, vehicles: {recorder: {}}}", "9: a vehicle cannot be called recorder"),
+        ("bad: {extends: pair, world: null}", "9: world must be a mapping of fields"),
         ("bad: {extends: hover}", "has no field vehicles; `load_scenario` loads a scenario of a single vehicle"),
     ],
 )
@@ -121,3 +123,8 @@ def test_a_saved_world_has_the_same_flight(run, write, tmp_path):
     for name in ("upper", "lower"):
         first, second = (read_flight(tmp_path / folder / name) for folder in ("first", "second"))
         np.testing.assert_array_equal(first["state"], second["state"])
+
+
+def test_a_world_cannot_have_the_name_of_another_folder(write):
+    with pytest.raises(InputError, match="the name of the world is '../up', but must match"):
+        load_world(write('"../up": {extends: pair}') + ":../up")
