@@ -3,8 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class World:
     vehicles: Mapping[str, Scenario]
     radius: float
     downwash: DownwashParameters | None = CRAZYFLIE_DOWNWASH
-    offsets: Mapping[str, Sequence[float]] = MappingProxyType({})
+    offsets: Mapping[str, Sequence[float]] = field(default_factory=dict)
     name: str = "world"
 
     def __post_init__(self) -> None:
