@@ -6,23 +6,22 @@ from drake_quad.framework.records import layout_of
 from drake_quad.signals import Crashed, Row, State
 from drake_quad.vehicle.downwash import CRAZYFLIE_DOWNWASH, DownwashParameters, downwash_force
 from drake_quad.vehicle.external_load import ExternalLoad
+from drake_quad.worlds.vehicles import states_and_crashed, vehicle_inputs
 
 
-def downwash_load(index: int, count: int, parameters: DownwashParameters, *inputs: State | Crashed) -> ExternalLoad:
+def downwash_load(index: int, parameters: DownwashParameters, *vehicles: State | Crashed) -> ExternalLoad:
     """Return the load on a vehicle from all other vehicles that fly.
 
     Args:
         index: index of the vehicle.
-        count: number of vehicles.
         parameters: coefficients of the downwash.
-        inputs: states of all vehicles, and then whether each of them has crashed.
+        vehicles: values of the inputs that `vehicle_inputs` declared.
     """
-    states, crashed = inputs[:count], inputs[count:]
+    states, crashed = states_and_crashed(vehicles)
     force: Row = 0.0
-    for other in range(count):
+    for other in range(len(states)):
         if other != index:
-            pushes = downwash_force(states[index], states[other], parameters)  # type: ignore[arg-type]
-            force = force + where(crashed[other].crashed >= 1.0, 0.0, pushes)  # type: ignore[union-attr]
+            force = force + where(crashed[other] >= 1.0, 0.0, downwash_force(states[index], states[other], parameters))
     return ExternalLoad(f_z=-force)
 
 
@@ -54,8 +53,6 @@ class Downwash(FleetSystem):
     def declare(self, *, count: int = 2, parameters: DownwashParameters = CRAZYFLIE_DOWNWASH) -> None:
         """Declare the ports and parameters of this system."""
         given = self.parameter("parameters", lambda parameters: parameters)
-        states = [self.input(f"state_{k}", layout=layout_of(State)) for k in range(1, count + 1)]
-        crashed = [self.input(f"crashed_{k}", layout=layout_of(Crashed)) for k in range(1, count + 1)]
+        vehicles = vehicle_inputs(self, count)
         for k in range(count):
-            load = layout_of(ExternalLoad)
-            self.output(f"external_load_{k + 1}", downwash_load, k, count, given, *states, *crashed, layout=load)
+            self.output(f"external_load_{k + 1}", downwash_load, k, given, *vehicles, layout=layout_of(ExternalLoad))

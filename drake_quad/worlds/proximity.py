@@ -1,5 +1,6 @@
 """Distances between the vehicles of a world."""
 
+from functools import reduce
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.flight_monitor import Clearance
 from drake_quad.signals import Crashed, Quantity, Row, State
+from drake_quad.worlds.vehicles import states_and_crashed, vehicle_inputs
 
 # Distance if there is no other flying vehicle, m. Recorded signals must be finite.
 _FAR = 1e9
@@ -25,26 +27,23 @@ class Radii(NamedTuple):
     values: tuple[Annotated[Row, Quantity("m", sign="nonnegative")], ...]
 
 
-def clearance(index: int, count: int, radii: Radii, *inputs: State | Crashed) -> Clearance:
+def clearance(index: int, radii: Radii, *vehicles: State | Crashed) -> Clearance:
     """Return the distance between the spheres around a vehicle and around the nearest other vehicle that flies.
 
     Args:
         index: index of the vehicle.
-        count: number of vehicles.
         radii: radii of the spheres.
-        inputs: states of all vehicles, and then whether each of them has crashed.
+        vehicles: values of the inputs that `vehicle_inputs` declared.
     """
-    states, crashed = inputs[:count], inputs[count:]
-    own: State = states[index]  # type: ignore[assignment]
+    states, crashed = states_and_crashed(vehicles)
+    own = states[index]
     nearest: Row = _FAR
-    for other in range(count):
+    for other, state in enumerate(states):
         if other != index:
-            state: State = states[other]  # type: ignore[assignment]
             x, y, z = state.x - own.x, state.y - own.y, state.z - own.z
             distance = sqrt(x * x + y * y + z * z) - (radii.values[index] + radii.values[other])
-            flies = crashed[other].crashed < 1.0  # type: ignore[union-attr]
             # A comparison with NaN is false, so a vehicle whose state is NaN does not affect the others.
-            nearest = where(flies & (distance < nearest), distance, nearest)
+            nearest = where((crashed[other] < 1.0) & (distance < nearest), distance, nearest)
     return Clearance(nearest)
 
 
@@ -58,23 +57,18 @@ class Clearances(NamedTuple):
     values: tuple[Row, ...]
 
 
-def smallest_clearances(before: Clearances, count: int, radii: Radii, *inputs: State | Crashed) -> Clearances:
+def smallest_clearances(before: Clearances, radii: Radii, *vehicles: State | Crashed) -> Clearances:
     """Return the smallest clearance of each vehicle so far. A vehicle that has crashed keeps its value.
 
     Args:
         before: smallest clearances before this tick.
-        count: number of vehicles.
         radii: radii of the spheres.
-        inputs: states of all vehicles, and then whether each of them has crashed.
+        vehicles: values of the inputs that `vehicle_inputs` declared.
     """
-    crashed = inputs[count:]
+    _, crashed = states_and_crashed(vehicles)
     values = [
-        where(
-            crashed[k].crashed >= 1.0,  # type: ignore[union-attr]
-            before.values[k],
-            minimum(before.values[k], clearance(k, count, radii, *inputs).distance),
-        )
-        for k in range(count)
+        where(crashed[k] >= 1.0, value, minimum(value, clearance(k, radii, *vehicles).distance))
+        for k, value in enumerate(before.values)
     ]
     return Clearances(tuple(values))
 
@@ -109,15 +103,12 @@ class Proximity(FleetSystem):
     def declare(self, *, count: int = 2, period: float = 0.02, parameters: Radii) -> None:
         """Declare the ports, states and parameters of this system."""
         radii = self.parameter("radii", lambda parameters: parameters)
-        states = [self.input(f"state_{k}", layout=layout_of(State)) for k in range(1, count + 1)]
-        crashed = [self.input(f"crashed_{k}", layout=layout_of(Crashed)) for k in range(1, count + 1)]
+        vehicles = vehicle_inputs(self, count)
         for k in range(count):
-            self.output(
-                f"clearance_{k + 1}", clearance, k, count, radii, *states, *crashed, layout=layout_of(Clearance)
-            )
-        self.output("crashed", _all_crashed, *crashed)
+            self.output(f"clearance_{k + 1}", clearance, k, radii, *vehicles, layout=layout_of(Clearance))
+        self.output("crashed", _all_crashed, *vehicles)
         smallest = self.state("smallest", lambda _: Clearances((_FAR,) * count))
-        self.update(period, smallest_clearances, smallest, count, radii, *states, *crashed, writes=[smallest])
+        self.update(period, smallest_clearances, smallest, radii, *vehicles, writes=[smallest])
 
     def smallest_clearances(self, context: Context) -> np.ndarray:
         """Return the (count, N) smallest clearances of the vehicles up to the current time, m."""
@@ -126,8 +117,6 @@ class Proximity(FleetSystem):
         return result
 
 
-def _all_crashed(*crashed: Crashed) -> Crashed:
-    result: Row = 1.0
-    for each in crashed:
-        result = minimum(result, each.crashed)
-    return Crashed(result)
+def _all_crashed(*vehicles: State | Crashed) -> Crashed:
+    _, crashed = states_and_crashed(vehicles)
+    return Crashed(reduce(minimum, crashed))

@@ -30,7 +30,7 @@ def test_side_by_side_vehicles_do_not_push():
     """At a small height, the published force at the smallest height is reduced in proportion to the height."""
     for height in (1e-9, 0.02, 0.1, 0.2):
         states = states_at([[0.0, 0.0, 0.0], [0.1, 0.0, height]])
-        load = downwash_load(0, 2, CRAZYFLIE_DOWNWASH, *states, *[Crashed(0.0)] * 2)
+        load = downwash_load(0, CRAZYFLIE_DOWNWASH, *states, *[Crashed(0.0)] * 2)
         expected = height / 0.2 * published_force([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2]], 0)
         assert load.f_z == pytest.approx(expected, rel=1e-12)
 
@@ -45,7 +45,7 @@ def test_forces_are_those_of_the_published_formula():
         positions = rng.uniform(-1.0, 1.0, (4, 3)) * [0.3, 0.3, 0.05] + np.outer(range(4), [0.0, 0.0, 0.3])
         rng.shuffle(positions)
         for index in range(4):
-            load = downwash_load(index, 4, CRAZYFLIE_DOWNWASH, *states_at(positions), *[Crashed(0.0)] * 4)
+            load = downwash_load(index, CRAZYFLIE_DOWNWASH, *states_at(positions), *[Crashed(0.0)] * 4)
             assert load.f_z == pytest.approx(published_force(positions, index), rel=1e-12, abs=1e-15)
             assert {*load} == {load.f_z, 0.0}
 
@@ -53,7 +53,7 @@ def test_forces_are_those_of_the_published_formula():
 def test_vehicles_above_far_away_or_crashed_do_not_push():
     below, above, far = [0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [10.1, 0.0, 0.5]
     for positions, crashed in (((above, below), (0, 0)), ((below, far), (0, 0)), ((below, above), (0, 1))):
-        load = downwash_load(0, 2, CRAZYFLIE_DOWNWASH, *states_at(positions), *map(Crashed, map(float, crashed)))
+        load = downwash_load(0, CRAZYFLIE_DOWNWASH, *states_at(positions), *map(Crashed, map(float, crashed)))
         assert load.f_z == 0.0
 
 
@@ -73,6 +73,6 @@ def test_the_force_is_finite_where_the_radius_is_zero():
     height = -C_3 / C_2
     for distance in (0.0, 1e-3, 0.5):
         states = states_at([[0.0, 0.0, 0.0], [distance, 0.0, height]])
-        load = downwash_load(0, 2, CRAZYFLIE_DOWNWASH, *states, *[Crashed(0.0)] * 2)
+        load = downwash_load(0, CRAZYFLIE_DOWNWASH, *states, *[Crashed(0.0)] * 2)
         expected = C_1 * (RADIUS / (4 * height)) ** 2 if distance == 0.0 else 0.0
         assert load.f_z == pytest.approx(-expected, rel=1e-9)

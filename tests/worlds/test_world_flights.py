@@ -151,4 +151,4 @@ def test_random_wind_has_the_same_parameters_for_all_vehicles():
 
 def test_a_vehicle_whose_state_is_nan_does_not_affect_the_others():
     states = [State(x, *[0.0] * 11) for x in (0.0, math.nan, 1.0)]
-    assert clearance(0, 3, Radii((0.1,) * 3), *states, *[Crashed(0.0)] * 3).distance == pytest.approx(0.8)
+    assert clearance(0, Radii((0.1,) * 3), *states, *[Crashed(0.0)] * 3).distance == pytest.approx(0.8)
